@@ -17,6 +17,7 @@ from mock_devices.effects import (
     ordinary_disturbances,
     outside,
     outside_final,
+    outside_motions,
     outside_parts,
     outside_published,
     reversal,
@@ -44,6 +45,7 @@ SPECS: dict[str, EffectSpec] = {
         outside,
         outside_published,
         outside_parts,
+        outside_motions,
         outside_final,
         ordinary_disturbances,
     )

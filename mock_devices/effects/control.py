@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
+from mock_devices.effects.followers import Dragged
 from mock_devices.effects.leg_memory import LegMemory
 
 REFERENCE_SPEED_M_PER_S = 0.5
@@ -14,6 +15,8 @@ COUPLED_S = 6.0  # in which a following error dies out
 OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
 RESOLVER_M = 0.02  # travel of a slider in one turn of its resolver
 HOUR_S = 3600.0
+DRAG_M = 0.12  # half of the play with which another axis drags a chain along
+RESTARTS = 32
 LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; travel that leaves the size
 STICKS = 0.15  # friction over the force of the first swing
 
@@ -30,16 +33,25 @@ class AxisCoupling(Effect):
     `crosstalk`: signals of the other axis couple into the cable of this one's resolver, as in H. W. Ott, "Noise
     Reduction Techniques in Electronic Systems" (1976). They add a small signal of the other phase to the axis's own, so
     that the error goes with the sine of the difference in phase.
+    `dragged_chain`: a chain that hangs on this axis follows the other one, but only once its own play is used up, so
+    that the error has a loop over the other's place: the play of M. A. Krasnosel'skii, A. V. Pokrovskii, "Systems with
+    Hysteresis" (1989).
     """
 
     def setup(self) -> None:
-        """Phase between both axes' signals."""
+        """Phase between both axes' signals, and where the chain is."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.other = (self.place + 1) % len(self.site.machine.sliders)
+        self._chain = Dragged(DRAG_M, self.site.drive_range_m(self.other)[0])
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the other axis drag the chain."""
+        if self.variant == "dragged_chain" and drive == self.other:
+            self._chain.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider; one metre of the other axis gives `ratio`."""
-        a = self.place
-        b = (a + 1) % state.q_m.shape[1]
+        a, b = self.place, self.other
         (mine, my_half), (middle, half) = self.site.drive_range_m(a), self.site.drive_range_m(b)
         x = state.q_m[:, b] - middle
         if self.variant == "quadratic":
@@ -53,6 +65,8 @@ class AxisCoupling(Effect):
             y = 0.25 * behind * np.exp(-state.since_s[:, b] / COUPLED_S)
         elif self.variant == "crosstalk":
             y = 0.25 * np.sin(2.0 * np.pi * (state.q_m[:, b] - state.q_m[:, a]) / RESOLVER_M + self.phase)
+        elif self.variant == "dragged_chain":
+            y = self._chain.at(state, b) - middle
         elif self.variant == "elastic_bed":
             away = BED_PER_M * np.abs(state.q_m[:, a] - mine - x)
             y = -0.25 * np.exp(-away) * (np.cos(away) + np.sin(away))
@@ -84,7 +98,14 @@ class Latency(Effect):
     `clock_ageing`: the error of a clock that was set once and whose rate drifts grows with the square of time: D. W.
     Allan, "Time and Frequency (Time-Domain) Characterization, Estimation, and Prediction of Precision Clocks and
     Oscillators" (1987). The size is the error after one hour.
+    `restarted`: cycles that nothing synchronises begin anew at every exchange of the payload, when the machine is
+    switched off, each time in another phase: H. Kopetz, "Real-Time Systems: Design Principles for Distributed Embedded
+    Applications" (1997). The size is that before the first exchange, and the mean of all.
     """
+
+    def setup(self) -> None:
+        """Phases after every restart."""
+        self.restarts = np.concatenate([[1.0], self.rng.uniform(0.0, 2.0, RESTARTS - 1)])
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -94,9 +115,11 @@ class Latency(Effect):
             return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
         if self.variant == "queued":  # the phase of another message is the chance: the same whenever it is asked for
             return np.asarray(-self.size * np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
-        if self.variant in ("clock_skew", "clock_ageing"):
+        if self.variant in ("clock_skew", "clock_ageing", "restarted"):
             t = self.elapsed_s(state)
             share = t % POLL_S / POLL_S if self.variant == "clock_skew" else (t / HOUR_S) ** 2
+            if self.variant == "restarted":
+                share = self.restarts[state.exchanges.astype(int) % RESTARTS]
             return np.asarray(self.size * share)
         if self.variant == "with_speed":
             return np.asarray(self.size * np.abs(state.velocity_m_per_s).max(axis=1) / 0.25)
@@ -121,6 +144,9 @@ class ServoSettling(Effect):
     `after_effect`: a belt forgets no motion at once, so that all earlier motions act together, the latest ones most: L.
     Boltzmann, "Zur Theorie der elastischen Nachwirkung" (1874), here with two time constants. A motion by AFTER_M
     leaves the size.
+    `integrator_reset`: the controller's integral part, which holds the weight, is cleared with every motion and builds
+    up again at rest, so that the slider arrives below its target from either side and rises: K. J. Åström, T. Hägglund,
+    "PID Controllers: Theory, Design, and Tuning" (1995). The size is that without payload, at any speed.
     """
 
     def setup(self) -> None:
@@ -141,6 +167,11 @@ class ServoSettling(Effect):
             return
         t = state.since_s[:, a] / tau
         share = np.exp(-t)
+        if self.variant == "integrator_reset":
+            own_kg = self.site.machine.moving_mass_kg
+            weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
+            deviation.travel_m[:, a] -= self.size * weight * share
+            return
         if self.variant == "ringing":
             share = np.exp(-0.5 * t) * np.cos(2.5 * t)
         elif self.variant == "logarithmic":
@@ -185,8 +216,9 @@ EFFECTS = (
             "elastic_bed",
             "cross_coupled",
             "crosstalk",
+            "dragged_chain",
         ),
-        final="crosstalk",
+        final="dragged_chain",
         reveals="the other drive's coordinate or motion, SMRs on the sliders",
         make=AxisCoupling,
     ),
@@ -195,8 +227,17 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("latency_s", 1e-5, 5e-4, 5.0, "dead time or time constant"),
-        variants=("dead_time", "filtering", "with_speed", "bus_cycles", "clock_skew", "queued", "clock_ageing"),
-        final="clock_ageing",
+        variants=(
+            "dead_time",
+            "filtering",
+            "with_speed",
+            "bus_cycles",
+            "clock_skew",
+            "queued",
+            "clock_ageing",
+            "restarted",
+        ),
+        final="restarted",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),
@@ -215,9 +256,10 @@ EFFECTS = (
             "critically_damped",
             "dry_friction",
             "after_effect",
+            "integrator_reset",
         ),
-        final="after_effect",
-        reveals="varied dwell and speed, by variant earlier motions, SMRs on the sliders",
+        final="integrator_reset",
+        reveals="varied dwell and speed, by variant payload or earlier motions, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
     ),

@@ -20,6 +20,7 @@ from mock_devices.effects.stated_values import ONSET
 SLIP_K = 0.4
 CREEP_WAY_M = 100.0
 STEPS_M_PER_S, STEPS = 0.3, 40.0  # above which a stepping motor loses steps; motions to the size
+RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
 
 
@@ -38,6 +39,9 @@ class DriveScale(StatefulEffect):
     `lost_steps`: a stepping motor falls out of step where it lifts its load faster than STEPS_M_PER_S, and loses the
     same few steps each time: pull-out in T. Kenjo, "Stepping Motors and Their Microprocessor Controls" (1984). The size
     is reached after STEPS such motions.
+    `relaxing_tape`: a scale of steel tape that was strained anew at the onset loses its tension with the logarithm of
+    time, fast at first, and grows shorter: stress relaxation in F. Garofalo, "Fundamentals of Creep and Creep-Rupture
+    in Metals" (1965). The size is that after an hour, at the end of the travel.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -75,6 +79,9 @@ class DriveScale(StatefulEffect):
             y = -way / CREEP_WAY_M
         elif self.variant == "lost_steps":
             y = -self._lost.at(state, a)[:, 0] / STEPS
+        elif self.variant == "relaxing_tape":
+            strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
+            y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
         elif self.variant == "thermal_slip":
             y = self._slipped(state) * (from_middle + 1.0) / 2.0
         else:
@@ -108,8 +115,9 @@ EFFECTS = (
             "wavelength",
             "belt_creep",
             "lost_steps",
+            "relaxing_tape",
         ),
-        final="lost_steps",
+        final="relaxing_tape",
         reveals="time or motions made, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),

@@ -28,6 +28,8 @@ BENT = math.cos(math.radians(30.0))  # of a universal joint
 TURNS = 138  # of a screw over its travel
 SLIP_M = 6.0  # travel over which the balls of a nut fall behind by a whole orbit
 HELD = 0.12  # share of a step by which a counter switches late, in either direction
+PIECE_M = 0.2  # of a rack
+IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 
@@ -42,6 +44,8 @@ class CumulativeError(Effect):
     length.
     `pitch_walk`: every turn of the thread has an error of its own, the travel variation within 2 pi rad of ISO 3408-3,
     "Ball Screws: Acceptance Conditions and Acceptance Tests" (2006), and these errors add up along the screw.
+    `rack_pieces`: a rack is put together from pieces, each a little beside its place and with a cumulative pitch error
+    of its own, as ISO 1328-1, "Cylindrical Gears: ISO System of Accuracy" (1995), states that; it jumps at every joint.
     """
 
     def setup(self) -> None:
@@ -53,6 +57,20 @@ class CumulativeError(Effect):
         walk = np.concatenate([[0.0], np.cumsum(self.rng.standard_normal(TURNS))])
         walk -= np.polyval(np.polyfit(self.at, walk, 1), self.at)  # a straight part would be the drive's scale
         self.walk = walk / np.abs(walk).max()
+        middle, half = self.site.drive_range_m(self.place)
+        pieces = math.ceil(2.0 * half / PIECE_M) + 1
+        self.joint_m = middle - half - PIECE_M * float(self.rng.uniform(0.0, 1.0))  # where the first piece begins
+        self.beside, self.pitch = self.rng.uniform(-1.0, 1.0, (2, pieces))
+        fine = np.linspace(middle - half, middle + half, 2001)
+        rack = self._along_pieces(fine)
+        self.level = np.polyfit(fine, rack, 1)  # a straight part would be the drive's scale
+        self.most = float(np.abs(rack - np.polyval(self.level, fine)).max())
+
+    def _along_pieces(self, q_m: Array) -> Array:
+        """Error of the rack (n,): where its piece lies, and half of that again by the pitch within the piece."""
+        at = np.clip((q_m - self.joint_m) / PIECE_M, 0.0, len(self.pitch) - 1.0e-9)
+        piece = at.astype(int)
+        return np.asarray(self.beside[piece] + self.pitch[piece] * (at - piece - 0.5))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -69,6 +87,9 @@ class CumulativeError(Effect):
             y = 1.0 - 2.0 * np.clip((WORN + FLANK - np.abs(x - self.worn)) / FLANK, 0.0, 1.0)
         elif self.variant == "pitch_walk":
             y = np.interp(x, self.at, self.walk)
+        elif self.variant == "rack_pieces":
+            q = state.q_m[:, self.place]
+            y = (self._along_pieces(q) - np.polyval(self.level, q)) / self.most
         elif self.variant == "two_pieces":  # two scales butted together
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
@@ -87,12 +108,15 @@ class PeriodicError(Effect):
     twice a turn: J. E. Shigley, J. J. Uicker, "Theory of Machines and Mechanisms" (1980).
     `slipping_balls`: unequal balls also slip in their track, further with every motion, so that their part of the error
     does not repeat at the same position: E. P. Kingsbury, "Basic Speed Ratio of an Angular Contact Bearing" (1980).
+    `other_flank`: the nut lies against one flank of the thread on its way up and against the other on its way down, and
+    each flank is drunken in its own way: F. H. Rolt, "Gauges and Fine Measurements" (1929).
     """
 
     def setup(self) -> None:
         """Phase of the turn."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._ways = LegMemory(ways_m)
+        self.apart = float(self.rng.uniform(0.3, 0.7)) * np.pi  # phase between both flanks
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the balls of this drive slip."""
@@ -111,6 +135,9 @@ class PeriodicError(Effect):
         elif self.variant == "slipping_balls":
             slipped = 2.0 * np.pi * self._ways.at(state, self.place)[:, 0] / SLIP_M
             y = 0.7 * y + 0.7 * np.sin(BALL_ORBIT * turn - slipped)
+        elif self.variant == "other_flank":
+            down = 0.8 * np.sin(turn + self.apart) + 0.3 * np.sin(2.0 * turn)
+            y = np.where(state.direction[:, self.place] < 0.0, down, y)
         elif self.variant == "universal_joint":
             ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
             y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
@@ -140,11 +167,16 @@ class Interpolation(Effect):
     `coarse_count`: whole periods are counted and nothing in between, which leaves the sawtooth of W. R. Bennett,
     "Spectra of Quantized Signals" (1948); the counter switches late in either direction, like the trigger of O. H.
     Schmitt, "A Thermionic Trigger" (1938).
+    `self_images`: the scale is not parallel to the guide, and the image of its grating changes with the gap and comes
+    back at certain distances, as H. F. Talbot, "Facts Relating to Optical Science, No. IV" (1836) found. In between the
+    third harmonic of the signals has the opposite sign, and with it the error four times a period.
     """
 
     def setup(self) -> None:
-        """Phase of the scale."""
+        """Phase of the scale; how fast its gap grows along the travel, and where that begins."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.image_m = float(self.rng.uniform(*IMAGES_M))
+        self.gap = float(self.rng.uniform(0.0, 2.0 * np.pi))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider: the count is wrong, not the slider, but the drive goes by its count."""
@@ -162,6 +194,8 @@ class Interpolation(Effect):
             y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
         elif self.variant == "coarse_count":
             y = 2.0 * ((phase / (2.0 * np.pi) - HELD * state.direction[:, self.place]) % 1.0) - 1.0
+        elif self.variant == "self_images":
+            y = np.cos(2.0 * np.pi * q / self.image_m + self.gap) * np.sin(4.0 * phase)
         elif self.variant == "harmonics":
             y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
@@ -190,8 +224,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 6e-4, "largest error along the travel"),
-        variants=("parabola", "cubic", "irregular", "two_pieces", "glued_scale", "worn_stretch", "pitch_walk"),
-        final="pitch_walk",
+        variants=(
+            "parabola",
+            "cubic",
+            "irregular",
+            "two_pieces",
+            "glued_scale",
+            "worn_stretch",
+            "pitch_walk",
+            "rack_pieces",
+        ),
+        final="rack_pieces",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -210,9 +253,10 @@ EFFECTS = (
             "bowed_screw",
             "universal_joint",
             "slipping_balls",
+            "other_flank",
         ),
-        final="slipping_balls",
-        reveals="many drive positions off a grid, SMRs on the sliders",
+        final="other_flank",
+        reveals="many drive positions off a grid, by variant direction, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
     ),
@@ -230,8 +274,9 @@ EFFECTS = (
             "harmonics",
             "shadow_gratings",
             "coarse_count",
+            "self_images",
         ),
-        final="coarse_count",
+        final="self_images",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import exp1
 
 from mock_devices.effects.base import (
     Array,
@@ -16,7 +17,7 @@ from mock_devices.effects.base import (
     MotionState,
     smooth_curve,
 )
-from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.leg_memory import LegMemory, ways_m
 
 FULL_PAYLOAD_KG = 400.0
 FOOT_M = -1.2
@@ -28,6 +29,9 @@ CONCRETE = 0.6
 SUPPORTS = 6  # of a rail, from one end of the travel to the other
 GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; half width of the worn part
 SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # sum of squared speeds: scale of its logarithm; multiple of that at the size
+CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diameters; creep over travel
+BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
+PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
@@ -46,6 +50,12 @@ class _Guide(Effect):
     `gib_play`: a carriage lies against one side of a worn gib on its way up and against the other on its way down,
     offset by the gap where it stands: gibs of sliding guides in A. H. Slocum, "Precision Machine Design" (1992). The
     gap is widest where the carriage runs most.
+    `creeping_cage`: the carriage runs on rollers of unequal diameters in a cage, which goes half its way and creeps
+    besides, as rolling bodies under load do in K. L. Johnson, "Contact Mechanics" (1985), so that the line of the guide
+    moves with the distance run.
+    `ball_passage`: balls that come under a runner block and leave it tilt it by a short period of the travel: H. Ohta,
+    E. Hayashi, "Vibration of Linear Guideway Type Recirculating Linear Ball Bearings" (2000). They have play in their
+    channel, so that the period is elsewhere on the way back.
     """
 
     slope = False
@@ -69,6 +79,15 @@ class _Guide(Effect):
         bent = self._over_supports(travel_m)
         self.level = np.polyfit(travel_m, bent, 0 if self.slope else 1)
         self.bent_rms = float(np.std(bent - np.polyval(self.level, travel_m)))
+        self.rollers_m = self.rng.uniform(*CAGE_M, 3)
+        self.phases = self.rng.uniform(0.0, 2.0 * np.pi, 3)
+        self.balls_m = float(self.rng.uniform(*BALLS_M))
+        self._ways = LegMemory(ways_m)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the cage creep."""
+        if self.variant == "creeping_cage" and drive == self.place:
+            self._ways.record(leg)
 
     def _over_blocks(self, from_middle_m: Array) -> Array:
         """The random surface under both blocks: their mean, or their difference for the angle (n,)."""
@@ -120,6 +139,12 @@ class _Guide(Effect):
         elif self.variant == "gib_play":
             worn = np.exp(-(((x - self.joint) / GIB_WORN) ** 2))
             y = state.direction[:, self.place] * (GIB_LEFT + (1.0 - GIB_LEFT) * worn)
+        elif self.variant == "creeping_cage":
+            cage = 0.5 * q + CREEPS * self._ways.at(state, self.place)[:, 0]
+            y = np.sin(2.0 * np.pi * cage[:, None] / self.rollers_m + self.phases).sum(axis=1) / math.sqrt(3.0)
+        elif self.variant == "ball_passage":
+            ball = 2.0 * np.pi * (q / self.balls_m + BALLS_BACK * (state.direction[:, self.place] < 0.0)) + self.phase
+            y = np.sin(ball) + 0.35 * np.sin(2.0 * ball)
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
         else:
@@ -157,12 +182,17 @@ class FoundationSettling(Effect):
     `shaken_sand`: the drives shake the sand under the foot and so pack it: vibration of sand in D. D. Barkan, "Dynamics
     of Bases and Foundations" (1962). The settlement goes with the logarithm of the sum of squared speeds since the
     onset.
+    `pumped_well`: water is pumped from a well near by for a while, and the ground sinks with the water's level and
+    comes back: the exponential integral of C. V. Theis, "The Relation Between the Lowering of the Piezometric Surface
+    and the Rate and Duration of Discharge of a Well Using Ground-Water Storage" (1935). It begins late; the size is
+    that after four times tau_s if the pump still runs then.
     """
 
     def setup(self) -> None:
         """MotionState and shares of the steps of variant `stick_slip`."""
         self.steps = np.sort(self.rng.uniform(0.0, 4.0, 5))
         self.shares = self.rng.dirichlet(np.full(5, 2.0))
+        self.pumps_s = float(self.rng.uniform(*PUMPS)) * self.values["tau_s"]
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -196,6 +226,8 @@ class FoundationSettling(Effect):
         elif self.variant == "shaken_sand":
             shaken = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._shaken))
             share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
+        elif self.variant == "pumped_well":
+            share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
         elif self.variant == "stick_slip":
             share = (t[:, None] >= self.steps * tau) @ self.shares
         else:
@@ -207,6 +239,11 @@ class FoundationSettling(Effect):
         deviation.travel_m[:, a] -= self.size * share
         deviation.sideways_m[:, a] += lean * height
         deviation.yaw_rad[:, a] += lean
+
+
+def _drawn_down(pumped: Array) -> Array:
+    """Fall of a well's water (n,) after a time of pumping, over its time constant: no more than nothing before."""
+    return np.asarray(exp1(1.0 / np.maximum(pumped, 1.0e-3)))
 
 
 _WAVE = (EffectParameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)
@@ -228,9 +265,9 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
-        variants=_VARIANTS,
-        final="gib_play",
-        reveals="drive coordinate, by variant direction, SMRs on the sliders",
+        variants=(*_VARIANTS, "creeping_cage"),
+        final="creeping_cage",
+        reveals="drive coordinate, by variant direction or distance moved, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
     ),
@@ -239,8 +276,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
-        variants=_VARIANTS,
-        final="gib_play",
+        variants=(*_VARIANTS, "ball_passage"),
+        final="ball_passage",
         reveals="drive coordinate, by variant direction, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
@@ -260,8 +297,9 @@ EFFECTS = (
             "concrete",
             "lead_pads",
             "shaken_sand",
+            "pumped_well",
         ),
-        final="shaken_sand",
+        final="pumped_well",
         reveals="time or motions made, SMRs on the sliders against the floor nests",
         make=FoundationSettling,
         others=(

@@ -17,8 +17,8 @@ from mock_devices.spatial_file import GROUND, SpatialMachine
 ALL: tuple[str, ...] = ()  # every variant of an effect
 # Their floor lies across the second axis of the frame, which points up in planar machines only.
 NOT_OF_SPACE = ("power_law", "cold_floor")
-# A platform that two sliders in a plane move sideways.
-OF_PLANE = ("sloshing",)
+# A platform that two sliders in a plane move, and forces by the angles of its struts.
+OF_PLANE = ("sloshing", "hanging_chain", "guide_pressed")
 OF_SLIDERS = (  # what a guide, a linear motor or a carriage does
     "guide_straightness", "guide_angular", "joint_spacing",
     "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "guide_wear",
@@ -29,11 +29,11 @@ OUTSIDE = (
     "cable_drag", "dry_cable_drag", "payload_shift", "spindle_vibration", "crane_tilt", "humidity_swelling",
     "hose_moment", "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "damaged_tooth",
     "hunting", "circle_error", "lobed_joint", "guide_wear",
-    "leaning_block", "brake_drop", "bedding_in", "dark_tracks",
+    "leaning_block", "brake_drop", "bedding_in", "dark_tracks", "creeping_thread", "clipped_beam",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
-    "friction_windup": ALL,
+    "friction_windup": tuple(v for v in spec_of("friction_windup").variants if v not in OF_PLANE),
     "screw_cumulative_error": ALL,
     "screw_periodic_error": ALL,
     "encoder_interpolation": ALL,
@@ -45,7 +45,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "guide_angular": ALL,
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
-    "expansion_coefficient": ("screws", "nickel_steel", "late_growth"),
+    "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches"),
     "link_stiffness": ("softer", "softens_with_load", "loosening"),
     "joint_clearance": ("gravity_seated",),
     "joint_spacing": ALL,

@@ -23,6 +23,8 @@ from mock_devices.effects.walks import HOUR_S, Flicker, HeldWalk, RandomWalk
 
 LEVER_M = 3.2
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
+SHAKEN_M2_PER_S2 = 40.0  # sum of squared speeds that moves a stand by the size
+SLIDES_M_PER_S, SLIDES = 0.2, 300.0  # a stop from this speed moves no holder; sum of excesses that moves it by the size
 PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
 BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
@@ -53,6 +55,9 @@ class StationDrift(Effect):
     Noise" (1982). The size is the standard deviation over long times.
     `passers_by`: the floor gives way when somebody passes with a load, at random times, and recovers slowly, like the
     shots of N. Campbell, "The Study of Discontinuous Phenomena" (1909). The size is the standard deviation.
+    `shaken_stand`: its stand creeps away under what it is pressed by, a little whenever a motion of the machine shakes
+    the floor: vibrational displacement in I. I. Blekhman, "Vibrational Mechanics" (2000). It goes with the energy of
+    the motions, and the size is reached at a sum of squared speeds.
     """
 
     def setup(self) -> None:
@@ -68,6 +73,12 @@ class StationDrift(Effect):
         if self.variant == "passers_by":
             self.passed_s = np.cumsum(self.rng.exponential(PASSERS_S, PASSERS))
             self.pushes = self.rng.standard_normal((PASSERS, 6)) * math.sqrt(2.0 * PASSERS_S / FORGETS_S)
+        self._shaken = [LegMemory(lambda way, speed, _: speed**2 * (way != 0.0)) for _ in self.site.machine.sliders]
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let every motion shake the stand."""
+        if self.variant == "shaken_stand":
+            self._shaken[drive].record(leg)
 
     def _passed(self, elapsed_s: Array) -> Array:
         """What is left of all passages, summed (n, 6)."""
@@ -81,6 +92,9 @@ class StationDrift(Effect):
             y = self.walk.at(t)
         elif self.variant == "passers_by":
             y = self._passed(t)
+        elif self.variant == "shaken_stand":
+            shaken = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._shaken))
+            y = np.outer(shaken / SHAKEN_M2_PER_S2, self.weights)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
         elif self.variant == "with_air":
@@ -103,6 +117,9 @@ class Reseat(Effect):
     `turning_ball`: the machine's motions turn the ball in its seat, and the vertex of its mirrors, which is off the
     ball's centre, goes round: runout in R. E. Bridges, "Method for Measuring 3D Coordinates of a Spherically Mounted
     Retroreflector from Multiple Stations" (US patent 9,074,869, 2015). The size is the circle's diameter.
+    `sliding_holder`: its magnetic holder slides down its face a little at every stop that is harder than the magnet
+    holds, by what the kinetic energy exceeds that: the sliding block of N. M. Newmark, "Effects of Earthquakes on Dams
+    and Embankments" (1965). The size is that of some sixty stops from 0.5 m/s after the onset.
     """
 
     def setup(self) -> None:
@@ -116,11 +133,21 @@ class Reseat(Effect):
             LegMemory(lambda way, _speed, start_s: np.abs(way) * (start_s >= onset_s))
             for _ in self.site.machine.sliders
         ]
+        self._stops = [
+            LegMemory(
+                lambda way, speed, start_s: (
+                    np.maximum((speed / SLIDES_M_PER_S) ** 2 - 1.0, 0.0) * ((way != 0.0) & (start_s >= onset_s))
+                )
+            )
+            for _ in self.site.machine.sliders
+        ]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let all travel after the onset turn the ball."""
+        """Let all travel after the onset turn the ball, or all stops move the holder."""
         if self.variant == "turning_ball":
             self._ways[drive].record(leg)
+        elif self.variant == "sliding_holder":
+            self._stops[drive].record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
@@ -144,6 +171,9 @@ class Reseat(Effect):
             way_m = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._ways))
             corner = complex(*self.shifts[0]) * 0.5 * np.expm1(2j * np.pi * way_m / BALL_TURN_M)
             y = np.stack([corner.real, corner.imag], axis=1)
+        elif self.variant == "sliding_holder":
+            slid = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._stops))
+            y = np.outer(slid / SLIDES, self.shifts[0])
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -159,9 +189,19 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("drift_m", 1e-6, 4e-5, 1e-3, "at 3 m after one hour"),
-        variants=("linear", "random_walk", "warm_up", "with_air", "knocked", "held_back", "flicker", "passers_by"),
-        final="passers_by",
-        reveals="time, floor nests",
+        variants=(
+            "linear",
+            "random_walk",
+            "warm_up",
+            "with_air",
+            "knocked",
+            "held_back",
+            "flicker",
+            "passers_by",
+            "shaken_stand",
+        ),
+        final="shaken_stand",
+        reveals="time or motions made, floor nests",
         make=StationDrift,
     ),
     EffectSpec(
@@ -182,8 +222,9 @@ EFFECTS = (
             "two_layers",
             "cold_floor",
             "warm_jet",
+            "filling_box",
         ),
-        final="warm_jet",
+        final="filling_box",
         reveals="angles, or ranges, against height and distance, all SMRs and nests alike",
         make=Refraction,
     ),
@@ -201,9 +242,10 @@ EFFECTS = (
             "adhesive_tape",
             "chip_in_seat",
             "turning_ball",
+            "sliding_holder",
         ),
-        final="turning_ball",
-        reveals="time or distance moved, one SMR against the others",
+        final="sliding_holder",
+        reveals="time or distance and speed moved, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),

@@ -13,9 +13,10 @@ from mock_devices.effects.strut_laws import (
     one_sided,
     spring_seated,
 )
-from mock_devices.effects.strut_ways import way_of_strut
+from mock_devices.effects.strut_ways import swing_rad, way_of_strut
 
 FULL_PAYLOAD_KG = 400.0
+UNWORN, WORN_RAD = 0.2, 0.15  # play of a worn hole far from where it is worn, over that there; how wide it is worn
 OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
@@ -33,6 +34,9 @@ class JointClearance(Effect):
     that it reaches further down the steeper it stands and the more time it has rested: a squeezed film without rotation
     in J. F. Booker, "Squeeze Films and Bearing Dynamics", CRC Handbook of Lubrication (1983), here that of a short
     bearing.
+    `worn_hole`: the pin has worn its hole most where the strut's force has mostly pressed it, in the middle of the
+    travel, so that the play depends on the strut's angle: S. Mukras, N. H. Kim, N. A. Mauntler, T. L. Schmitz, W. G.
+    Sawyer, "Analysis of Planar Multibody Systems With Revolute Joint Wear" (2010).
     """
 
     def setup(self) -> None:
@@ -65,6 +69,9 @@ class JointClearance(Effect):
             law = spring_seated(c, 0.1 * c, self.spring_n)
         elif self.variant == "ball_bearing":
             law = ball_bearing(c, CONTACT_M)
+        elif self.variant == "worn_hole":
+            worn = np.exp(-((swing_rad(self.site.machine, i, state.q_m) / WORN_RAD) ** 2))
+            law = dead_zone(c * (UNWORN + (1.0 - UNWORN) * worn), 0.1 * c)
         elif self.variant == "load_dependent":
             law = dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
         else:

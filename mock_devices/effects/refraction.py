@@ -18,6 +18,9 @@ POWER = -1.0 / 3.0
 LOWEST = 0.02  # of the station's height: so near the floor no reflector is
 LAYER_M, LAYER_HALF_M = 0.25, 0.2  # of the layer between cool and warm air: above the station, half its thickness
 EDDIES_M2_PER_S = (1.0e-4, 6.0e-4)  # how fast eddies carry heat upwards
+FRONT_M, FRONT_HALF_M = (2.5, -1.5), 0.25  # ceiling and floor against the station; half of a front's thickness
+FILLS_S = (1500.0, 4000.0)  # time constant of warm air that fills a room
+ABOVE = 0.3  # gradient above the front, over that in it
 JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of the line before it, width, half height
 JET_M = (-0.25, 0.05)  # its middle above the station
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
@@ -42,12 +45,16 @@ class Refraction(Effect):
     `warm_jet`: a heater blows warm air across the lines of sight halfway along them, with the bell-shaped profile over
     height that jets have in G. N. Abramovich, "The Theory of Turbulent Jets" (1963): lines bend away from its middle on
     either side. The gradient is the largest one in the jet.
+    `filling_box`: warm air that has risen from a machine gathers under the ceiling and fills the room from there; its
+    lower front sinks as (1 + t / T)^(-3/2) from ceiling to floor: W. D. Baines, J. S. Turner, "Turbulent Buoyant
+    Convection From a Source in a Confined Region" (1969). The gradient is that in the front; it is less above it.
     """
 
     def setup(self) -> None:
-        """How fast the cold of variant `cold_floor` rises, and how high the jet blows."""
+        """How fast the cold of variant `cold_floor` rises, how high the jet blows, and how fast a room is filled."""
         self.eddies = float(np.exp(self.rng.uniform(*np.log(EDDIES_M2_PER_S))))
         self.jet_m = float(self.rng.uniform(*JET_M))
+        self.fills_s = float(self.rng.uniform(*FILLS_S))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Bend the line of sight, or stretch it."""
@@ -66,6 +73,8 @@ class Refraction(Effect):
             off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
             slope = -math.sqrt(2.0 * math.e) * off * np.exp(-(off**2))
             sight.v_rad += LIGHT_PER_K * self.size * JET_WIDE_M * (1.0 - JET_SHARE) * slope * np.sin(sight.v_rad)
+        elif self.variant == "filling_box":
+            sight.v_rad += bend * self._front_gradient(state, height) * np.sin(sight.v_rad)
         elif self.variant == "two_layers":
             sight.v_rad += bend * self._mean_gradient(height) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
@@ -94,6 +103,16 @@ class Refraction(Effect):
         total = np.zeros_like(height_m)
         for node, weight in zip(*_FINE, strict=True):
             total += 2.0 * weight * (1.0 - node) / np.cosh((height_m * node - LAYER_M) / LAYER_HALF_M) ** 2
+        return total
+
+    def _front_gradient(self, state: MotionState, height_m: Array) -> Array:
+        """Mean gradient over a line to a height, weighted towards the station, over that in the sinking front."""
+        ceiling, floor = FRONT_M
+        front_m = floor + (ceiling - floor) * (1.0 + self.elapsed_s(state)[:, None] / self.fills_s) ** -1.5
+        total = np.zeros_like(height_m)
+        for node, weight in zip(*_FINE, strict=True):
+            above = (height_m * node - front_m) / FRONT_HALF_M
+            total += 2.0 * weight * (1.0 - node) * (1.0 / np.cosh(above) ** 2 + 0.5 * ABOVE * (1.0 + np.tanh(above)))
         return total
 
     def _cold_gradient(self, state: MotionState, height_m: Array) -> Array:

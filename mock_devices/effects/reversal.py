@@ -17,6 +17,7 @@ from mock_devices.effects.base import (
     StatefulEffect,
 )
 from mock_devices.effects.leg_memory import LegMemory, ways_m
+from mock_devices.effects.strut_ways import way_of_strut
 
 FULL_PAYLOAD_KG = 400.0
 PRESLIDING_M = 2.0e-5
@@ -25,6 +26,8 @@ LEAD_ANGLE_RAD = math.radians(5.0)
 REFERENCE_SPEED_M_PER_S = 0.5
 NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # a nut's warmth: decay; mean speed at which it is one; play closed
 REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, travel; share of friction without structure
+CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
+UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
 
@@ -57,6 +60,9 @@ class Backlash(_Play):
     over the root of time.
     `warm_nut`: a nut that its balls have warmed has less play, like the clearance of bearings whose rings are unequally
     warm in T. A. Harris, "Rolling Bearing Analysis" (1966). Its warmth comes from the travel of about the last NUT_S.
+    `runs_on`: when its drive stops, the slider's inertia carries it on through the play, as far as its kinetic energy
+    lasts: motion within clearances in S. Dubowsky, F. Freudenstein, "Dynamic Analysis of Mechanical Systems With
+    Clearances" (1971). It stays behind after a slow approach, and from CARRIES_M_PER_S on it lies at the other flank.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -122,6 +128,9 @@ class Backlash(_Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
+        elif self.variant == "runs_on":
+            energy = (state.speed_m_per_s[:, a] / CARRIES_M_PER_S) ** 2
+            offset = offset * (1.0 - 2.0 * np.minimum(energy, 1.0))
         elif self.variant == "nested_plays":
             offset = 0.5 * self.size * self._nested_side(state, a)
         elif self.variant == "bouc_wen":
@@ -144,6 +153,9 @@ class FrictionWindup(_Play):
     exponentially with its temperature: O. Reynolds, "On the Theory of Lubrication" (1886).
     `thixotropic`: a grease whose structure travel breaks down and rest builds up again, at the rates of F. Moore, "The
     Rheology of Ceramic Slips and Bodies" (1959): friction is what the motions and rests so far have left.
+    `guide_pressed`: dry friction of the guide, which goes with what the struts press the carriage against it, by their
+    angle and the payload: friction and pressure in C. A. Coulomb, "Théorie des machines simples" (1785). `friction_n`
+    is that in the middle of all travels without payload.
     """
 
     def setup(self) -> None:
@@ -191,12 +203,26 @@ class FrictionWindup(_Play):
             before = np.array([self._structure[a][k] for k in state.leg[:, a].tolist()])
             left = before * np.exp(-np.abs(state.q_m[:, a] - state.from_m[:, a]) / SHEARED_M)
             friction = friction * (LEAST + (1.0 - LEAST) * left)
+        elif self.variant == "guide_pressed":
+            own_kg = self.site.machine.moving_mass_kg
+            pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
+            friction = friction * (UNPRESSED + (1.0 - UNPRESSED) * pressed)
         elif self.variant == "palmgren":
             viscous = (state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S) ** (2.0 / 3.0)
             friction = friction * (0.6 * viscous + 0.4 + 0.6 * state.payload_kg / FULL_PAYLOAD_KG)
         elif self.variant == "position_friction":
             friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
         return np.asarray(friction)
+
+    def _across(self, q_m: Array) -> Array:
+        """Force of the drive's struts across its guide (n,) over that in the middle of all travels."""
+        machine = self.site.machine
+        mine = next(i for i, strut in enumerate(machine.struts) if strut.drive == self.place)
+        middle_m = np.array([[self.site.drive_range_m(a)[0] for a in range(q_m.shape[1])]])
+        now, then = (
+            way_of_strut(machine, mine, at_m) * machine.sliders[self.place].axis.conjugate() for at_m in (q_m, middle_m)
+        )
+        return np.abs(now.imag / now.real) / np.abs(then.imag / then.real)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Turn force into displacement; the torque shows the friction too."""
@@ -229,9 +255,10 @@ EFFECTS = (
             "bouc_wen",
             "squeeze_film",
             "warm_nut",
+            "runs_on",
         ),
-        final="warm_nut",
-        reveals="both directions of approach; by variant drive coordinate, payload, dwell, earlier motions",
+        final="runs_on",
+        reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, earlier motions",
         make=Backlash,
         others=(_TAU,),
     ),
@@ -240,9 +267,9 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        variants=(*FRICTION_VARIANTS, "palmgren", "flanks", "warming_grease", "thixotropic"),
-        final="thixotropic",
-        reveals="torque: both directions and payloads; by variant speed, dwell, earlier motions",
+        variants=(*FRICTION_VARIANTS, "palmgren", "flanks", "warming_grease", "thixotropic", "guide_pressed"),
+        final="guide_pressed",
+        reveals="torque: both directions and payloads; by variant speed, dwell, pose, earlier motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,
     ),

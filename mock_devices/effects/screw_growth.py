@@ -14,6 +14,12 @@ BEARING_FIN_M = 0.35
 BEARING_M_PER_S = 0.5
 CELLS = 46  # of a screw
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
+CHILLS_AT, CHILLED_TO, CHILLS = (
+    0.4,
+    0.25,
+    20.0,
+)  # where a chiller starts, over where motion alone would end at the duty;
+# where it stops, over that; how much faster it cools than air
 
 
 class ScrewGrowth(StatefulEffect):
@@ -30,6 +36,9 @@ class ScrewGrowth(StatefulEffect):
     `motor_starts`: the current of every start warms the motor at the upper end, where the screw is held; losses go with
     the speed reached and not with the travel: W. Leonhard, "Control of Electrical Drives" (1985). The size is reached
     with a start to START_M_PER_S every START_S.
+    `chilled`: motion warms it, and a chiller sends coolant through its bore once it is too warm until it is cool, so
+    that its length goes up and down like the level under a two-point controller in W. Oppelt, "Kleines Handbuch
+    technischer Regelvorgänge" (1954). The size is the warmth at which the chiller starts.
     """
 
     def setup(self) -> None:
@@ -38,6 +47,7 @@ class ScrewGrowth(StatefulEffect):
         self._edges = np.linspace(low, high, CELLS + 1)
         self._cells = [np.zeros(CELLS)]
         share = START_S / self.values["tau_s"] / START_M_PER_S
+        self._chilled = ChilledMemory(self.values["tau_s"])
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -48,6 +58,8 @@ class ScrewGrowth(StatefulEffect):
             self._cells.append(self._warmed(self._cells[-1][None], *ends)[0])
         if self.variant == "motor_starts" and drive == self.place:
             self._starts.record(leg)
+        if self.variant == "chilled" and drive == self.place:
+            self._chilled.record(leg)
 
     def _warmed(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
         """Warmth (n, cells) at t_s; each pass of a cell leaves in it what it would leave in a screw run all over."""
@@ -96,6 +108,10 @@ class ScrewGrowth(StatefulEffect):
             warm = self.size * self._starts.at(state, a)[:, 0]
             deviation.travel_m[:, a] -= alpha * warm * MOTOR_FIN_M * (1.0 - np.exp(-up_m / MOTOR_FIN_M))
             return
+        if self.variant == "chilled":
+            way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
+            deviation.travel_m[:, a] += alpha * self.size * self._chilled.at(state, a) * way_m
+            return
         way = np.abs(state.q_m[:, a] - state.from_m[:, a]) * self._friction(state.speed_m_per_s[:, a])
         age = state.t_s - state.leg_start_s[:, a]
         middle = np.maximum(state.t_s - 0.5 * (state.leg_start_s[:, a] + state.leg_end_s[:, a]), 0.0)
@@ -116,3 +132,40 @@ class ScrewGrowth(StatefulEffect):
         else:
             way_m = x
         deviation.travel_m[:, a] += alpha * warm * way_m
+
+
+class ChilledMemory:
+    """Warmth of a screw over the size: every metre warms it, air cools it, and so does a chiller that is switched."""
+
+    def __init__(self, tau_s: float) -> None:
+        self._tau_s = tau_s
+        self._before = [(0.0, False)]
+
+    def record(self, leg: Leg) -> None:
+        """A leg and the rest after it have ended."""
+        way_m = abs(leg.to_m - leg.from_m)
+        self._before.append(self._after(self._before[-1], leg.start_s, leg.end_s, way_m, leg.until_s))
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """Warmth at the moments of a state (n,)."""
+        way_m = np.abs(state.q_m[:, drive] - state.from_m[:, drive])
+        columns = (state.leg[:, drive], state.leg_start_s[:, drive], state.leg_end_s[:, drive], way_m, state.t_s)
+        rows = zip(*(column.tolist() for column in columns), strict=True)
+        return np.array([self._after(self._before[k], start, end, way, t)[0] for k, start, end, way, t in rows])
+
+    def _after(
+        self, before: tuple[float, bool], start_s: float, end_s: float, way_m: float, t_s: float
+    ) -> tuple[float, bool]:
+        """Warmth, and whether the chiller runs, at t_s; the heat of a leg is set free in its middle."""
+        middle_s = min(0.5 * (start_s + end_s), t_s)
+        warm, runs = self._cooled(*before, middle_s - start_s)
+        warm += way_m / (CHILLS_AT * DUTY_M_PER_S * self._tau_s)
+        return self._cooled(warm, runs or warm >= 1.0, t_s - middle_s)
+
+    def _cooled(self, warm: float, runs: bool, lasts_s: float) -> tuple[float, bool]:
+        if runs:
+            ends_s = self._tau_s / CHILLS * math.log(max(warm / CHILLED_TO, 1.0))
+            if lasts_s < ends_s:
+                return warm * math.exp(-CHILLS * lasts_s / self._tau_s), True
+            warm, lasts_s = min(warm, CHILLED_TO), lasts_s - ends_s
+        return warm * math.exp(-lasts_s / self._tau_s), False

@@ -25,6 +25,7 @@ NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature
 TABLES_K = 2.0
 LATE_S = 2400.0
 SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period, time constant, speed
+MOVED_M = (0.08, 0.2)  # how far a zero was moved after the tables were taken
 _GRID_S = 30.0
 
 
@@ -41,14 +42,18 @@ class ExpansionCoefficient(Effect):
     temperature in S. F. Jacobs, "Dimensional Stability of Materials Useful in Optical Engineering" (1986). The size is
     the coefficient of this later growth, which follows the change of temperature since the campaign began with the time
     constant LATE_S.
+    `two_batches`: every other strut, drawn by lot, is of another batch of steel, whose coefficient differs, as those of
+    gauge blocks do in T. Doiron, J. Beers, "The Gauge Block Handbook" (1995). The others grow as stated.
     """
 
     thickness_m = 0.2  # of column and rail together
 
     def setup(self) -> None:
-        """Which way a frame of fibres grows: seeded."""
+        """Which way a frame of fibres grows, and which struts are of another batch: seeded."""
         angle = float(self.rng.uniform(-0.5 * np.pi, 0.5 * np.pi))
         self.across = cmath.exp(1j * angle) if self.variant == "fibres" else None
+        struts = len(self.site.machine.struts)
+        self.batch = np.isin(np.arange(struts), self.rng.permutation(struts)[: struts // 2]).astype(np.float64)
 
     def warmth_k(self, state: MotionState, part: str) -> Array:
         """Recorded temperature of a part above the machine file's reference (n,)."""
@@ -65,6 +70,11 @@ class ExpansionCoefficient(Effect):
         if self.variant == "late_growth":
             strain = self.size * self._late_k(state)
             deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
+            return
+        if self.variant == "two_batches":
+            strain = self.size * self.warmth_k(state, "struts")
+            lengths_m = np.array([strut.length_m for strut in self.site.machine.struts])
+            deviation.length_m += np.outer(strain, self.batch * lengths_m)
             return
         if self.variant == "bimetal":
             self._bend(state, deviation)
@@ -135,6 +145,9 @@ class Payload(Effect):
     `sloshing`: liquid in a flat pan on the block swings to and fro after every sideways motion and calms down at rest:
     H. N. Abramson, "The Dynamic Behavior of Liquids in Moving Containers" (1966). The mass is right, and the centre is
     off by the whole size when a motion at SLOSH_M_PER_S stops.
+    `hanging_chain`: a chain that was left on the block lies on the floor, but for what the platform has lifted, and
+    that goes with its height: A. Cayley, "On a Class of Dynamical Problems" (1857). The size is the mass lifted in
+    the middle of all travels.
     """
 
     def setup(self) -> None:
@@ -157,6 +170,8 @@ class Payload(Effect):
             deviation.payload_shift_m += mounted * off_m
         elif self.variant == "swapped":
             extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
+        elif self.variant == "hanging_chain":
+            extra_kg = 2.0 * self.size * mounted * self._lifted(state)
         elif self.variant == "draining":
             extra_kg = self.size * mounted * np.maximum(1.0 - self.elapsed_s(state) / self.empty_s, 0.0) ** 2
         elif self.variant == "tool_left_on":
@@ -167,6 +182,11 @@ class Payload(Effect):
             extra_kg = self.size * state.payload_kg / FULL_PAYLOAD_KG
         deviation.payload_mass_kg += extra_kg
         deviation.force_n += extra_kg[:, None] * GRAVITY_M_PER_S2 / len(self.site.machine.sliders)
+
+    def _lifted(self, state: MotionState) -> Array:
+        """Height of the platform (n,) by its drives, from 0 to 1."""
+        ends = np.array([slider.travel_m for slider in self.site.machine.sliders])
+        return np.asarray(((state.q_m - ends[:, 0]) / (ends[:, 1] - ends[:, 0])).mean(axis=1))
 
 
 def _sloshed(state: MotionState) -> Array:
@@ -188,16 +208,21 @@ class TablesLeftOn(Effect):
     Methodology for Machine Tool Accuracy Enhancement by Error Compensation" (1986). The size is that of TABLES_K.
     `multiplied`: tables against sag, multiplied by a table over the other axis, from nothing at its lower end to twice
     the size at its upper one: Siemens, "SINUMERIK 840D sl/828D: Extended Functions" (2013).
+    `moved_zero`: the zero of every drive was moved after the tables had been taken, as happens when an encoder is
+    exchanged, and they correct beside the place that they are for: numerical compensation in ISO/TR 16907, "Machine
+    Tools: Numerical Compensation of Geometric Errors" (2015).
     """
 
     def setup(self) -> None:
-        """Which generation, and which drive of variant `one_drive`."""
+        """Which generation, which drive of variant `one_drive`, and how far zeros were moved."""
         tables = self.site.known_tables or draw_known_tables(self.site.machine, self.rng)
         generations = sorted({table.generation for table in tables})
         first = int(self.rng.integers(len(generations)))
         self.active = self._of(tables, generations[first])
         self.backward = self._of(tables, generations[(first + 1) % len(generations)])
-        self.drive = int(self.rng.integers(len(self.site.machine.sliders)))
+        drives = len(self.site.machine.sliders)
+        self.drive = int(self.rng.integers(drives))
+        self.moved_m = self.rng.uniform(*MOVED_M, drives) * self.rng.choice([-1.0, 1.0], drives)
 
     def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
         return {table.drive: table for table in tables if table.generation == generation}
@@ -231,6 +256,8 @@ class TablesLeftOn(Effect):
             return np.zeros(len(state))
         partner = state.q_m[:, names.index(table.partner)] if table.partner else np.zeros(len(state))
         own = state.q_m[:, a]
+        if self.variant == "moved_zero":
+            own = own + self.moved_m[a]
         if self.variant == "pulses":
             own, partner = _passed(table.own_m, own), _passed(table.partner_m, partner)
         return table.correction_m(own, partner)
@@ -252,8 +279,17 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("coefficient_per_k", 1e-7, 5e-6, 3e-4, "beyond the stated coefficient of expansion"),
-        variants=("frame", "mean_of_sensors", "screws", "bimetal", "fibres", "nickel_steel", "late_growth"),
-        final="late_growth",
+        variants=(
+            "frame",
+            "mean_of_sensors",
+            "screws",
+            "bimetal",
+            "fibres",
+            "nickel_steel",
+            "late_growth",
+            "two_batches",
+        ),
+        final="two_batches",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
@@ -262,9 +298,9 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("mass_kg", 0.5, 20.0, 8000.0, "beyond the stated one, or 0.5 m beside it"),
-        variants=("mass", "centre", "swapped", "tool_left_on", "draining", "hourglass", "sloshing"),
-        final="sloshing",
-        reveals="payloads, torque; by variant time, dwell",
+        variants=("mass", "centre", "swapped", "tool_left_on", "draining", "hourglass", "sloshing", "hanging_chain"),
+        final="hanging_chain",
+        reveals="payloads, torque; by variant time, dwell, height",
         make=Payload,
     ),
     EffectSpec(
@@ -272,8 +308,17 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("weight_ratio", 0.02, 1.0, 10.0, "weight of the tables, 1 is the whole correction"),
-        variants=("whole", "one_drive", "switched", "bidirectional", "pulses", "by_temperature", "multiplied"),
-        final="multiplied",
+        variants=(
+            "whole",
+            "one_drive",
+            "switched",
+            "bidirectional",
+            "pulses",
+            "by_temperature",
+            "multiplied",
+            "moved_zero",
+        ),
+        final="moved_zero",
         reveals="both drives' coordinates, known tables, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),

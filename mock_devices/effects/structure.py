@@ -15,6 +15,7 @@ from mock_devices.effects.base import (
 from mock_devices.effects.joint_clearance import JointClearance
 from mock_devices.effects.leg_memory import LegMemory, motions
 from mock_devices.effects.strut_laws import (
+    bowed,
     hertz_contact,
     joint_separates,
     soft_in_compression,
@@ -26,6 +27,8 @@ LEVER_M = 0.25
 PORTAL_M = 0.3
 LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
 BOLTS_M, AT_BOLTS = 0.24, 0.2  # spacing on a rail; its compliance at a bolt over that midway between two
+BUCKLES_N = (3000.0, 12000.0)  # force at which a bowed strut would buckle
+AT_ONCE, BED_S = 0.4, (6.0, 20.0)  # of a rail on resin: share of its compliance at once; time constant of the rest
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
@@ -45,11 +48,15 @@ class ColumnCompliance(Effect):
     `rail_between_bolts`: a rail that only its bolts hold gives way most between two of them, with the square of the
     distance to either, like a beam on two supports: C. L. Navier, "Résumé des leçons données à l'École des ponts et
     chaussées" (1826).
+    `resin_bed`: the resin under the rail gives way by a part at once and creeps by the rest where the carriage comes to
+    stand, a standard linear solid of J. D. Ferry, "Viscoelastic Properties of Polymers" (1961). The size is that after
+    long rest.
     """
 
     def setup(self) -> None:
-        """Where the bolts are."""
+        """Where the bolts are, and how fast resin creeps."""
         self.first_m = float(self.rng.uniform(0.0, BOLTS_M))
+        self.creeps_s = float(self.rng.uniform(*BED_S))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -75,6 +82,9 @@ class ColumnCompliance(Effect):
             span = (state.q_m[:, a] - self.first_m) / BOLTS_M % 1.0
             between = 16.0 * (span * (1.0 - span)) ** 2
             deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_BOLTS + (1.0 - AT_BOLTS) * between)
+        elif self.variant == "resin_bed":
+            crept = 1.0 - np.exp(-state.since_s[:, a] / self.creeps_s)
+            deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_ONCE + (1.0 - AT_ONCE) * crept)
         elif self.variant == "portal":
             share = 0.5 + 0.5 * (state.q_m[:, a] - middle) / (half + PORTAL_M)
             deviation.carriage_compliance[:, a, _ACROSS] += c * (4.0 * share * (1.0 - share)) ** 3
@@ -98,11 +108,15 @@ class LinkStiffness(Effect):
     (1990). The whole size is that of a strut along the bearing.
     `loosening`: a screwed end that every swing of the strut loosens a little: G. H. Junker, "New Criteria for
     Self-Loosening of Fasteners Under Vibration" (1969). The whole size is reached when no hold is left.
+    `bowed`: a strut that is not straight is stretched straight by tension and bent further by compression, towards the
+    force at which it would buckle: W. E. Ayrton, J. Perry, "On Struts" (1886). exp(-size) is the ratio of stiffness
+    without force.
     """
 
     def setup(self) -> None:
-        """How little the joint of variant `joint_separates` is preloaded."""
+        """How little the joint of variant `joint_separates` is preloaded, and what a bowed strut would carry."""
         self.preload_n = float(self.rng.uniform(*LOOSE_N))
+        self.buckles_n = float(self.rng.uniform(*BUCKLES_N))
         self._swings = LegMemory(motions)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -121,6 +135,8 @@ class LinkStiffness(Effect):
             deviation.laws.setdefault(i, []).append(soft_in_compression(float(np.exp(-x))))
         elif self.variant == "hertz":
             deviation.laws.setdefault(i, []).append(hertz_contact(float(np.expm1(x))))
+        elif self.variant == "bowed":
+            deviation.laws.setdefault(i, []).append(bowed(float(np.expm1(x)), self.buckles_n))
         elif self.variant == "fork_bearing":
             deviation.ln_stiffness[:, i] -= np.log1p(
                 np.expm1(x) * np.sin(swing_rad(self.site.machine, i, state.q_m)) ** 2
@@ -158,9 +174,10 @@ EFFECTS = (
             "portal",
             "ball_nut",
             "rail_between_bolts",
+            "resin_bed",
         ),
-        final="rail_between_bolts",
-        reveals="payload, SMRs on the sliders, height",
+        final="resin_bed",
+        reveals="payload, SMRs on the sliders, height; by variant dwell",
         make=ColumnCompliance,
     ),
     EffectSpec(
@@ -178,8 +195,9 @@ EFFECTS = (
             "joint_separates",
             "fork_bearing",
             "loosening",
+            "bowed",
         ),
-        final="loosening",
+        final="bowed",
         reveals="payload, pose; by variant the number of motions",
         make=LinkStiffness,
     ),
@@ -198,8 +216,9 @@ EFFECTS = (
             "ball_bearing",
             "spring_seated",
             "oil_journal",
+            "worn_hole",
         ),
-        final="oil_journal",
+        final="worn_hole",
         reveals="poses where the strut's force changes its sign, payload; by variant dwell",
         make=JointClearance,
     ),

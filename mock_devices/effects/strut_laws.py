@@ -69,6 +69,29 @@ def hertz_contact(ratio: float) -> Law:
     return law
 
 
+def bowed(ratio: float, buckles_n: float) -> Law:
+    """Elongation = F / k + ratio P / (2 k) (1 - (1 + F / P)^-2): a bow of a half sine that the force F straightens.
+
+    P is the force at which it would buckle; the bow's height goes with 1 / (1 + F / P) and its ends come nearer with
+    the square of that. Solved by Newton's iteration, which a concave curve leads to the solution from below; steps
+    beyond buckling are halved.
+    """
+
+    def law(e: Array, k: Array) -> tuple[Array, Array]:
+        force, slope = np.zeros_like(e), np.ones_like(e)
+        for _ in range(_MOST_NEWTON):
+            straight = 1.0 + force / buckles_n
+            given = force + 0.5 * ratio * buckles_n * (1.0 - straight**-2)
+            slope = 1.0 + ratio * straight**-3
+            step = np.maximum((k * e - given) / slope, -0.5 * (force + buckles_n))
+            force = force + step
+            if float(np.max(np.abs(step), initial=0.0)) < 1.0e-9:
+                break
+        return force, k / slope
+
+    return law
+
+
 def contact_force(c: float, w: float) -> Law:
     """Power 3/2 of what is beyond the play c, until the contact is as stiff as the strut at w."""
 

@@ -14,9 +14,10 @@ from mock_devices.effects.base import (
     MotionState,
     Place,
 )
+from mock_devices.effects.followers import PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S, ScrewGrowth
-from mock_devices.effects.warming import ahead_of_front, conducted, cooled, cycled, lag_behind, soaked, warm_up
+from mock_devices.effects.warming import AIR, ahead_of_front, conducted, cooled, cycled, lag_behind, soaked, warm_up
 
 FOOT_M = -1.2
 FIN_M = 0.5
@@ -24,6 +25,8 @@ CYCLES_S = (1200.0, 3600.0)  # of air that is switched
 FRONT_M, HEAD_M = 0.5, 0.2  # how deep heat has gone after tau_s; from the end of the travel to the column's head
 JOINT, PLATE = 0.2, 0.1  # time constants of a strut's joint and across a column, over that of the whole part
 JOINT_M_PER_S = 0.5
+HEATER_M = 0.35  # from a radiant heater to the strut before it
+THIN_WALL = 0.15  # time constant of a column's thin wall over that of its thick one
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
 _TAU = EffectParameter("tau_s", 300.0, 1500.0, 6000.0, "time constant of the part")
@@ -62,6 +65,9 @@ class LinkGrowth(_Warming):
     `joint_heat`: oil between the faces of its joint warms the joint, which warms the strut. Friction goes with speed,
     and so heat with travel times speed: N. P. Petrov, "Friction in Machines and the Effect of the Lubricant" (1883).
     `rise_k` is where it ends if its drive runs at JOINT_M_PER_S with rests in between, at 0.01 m/s on average.
+    `radiant_heater`: a heater beside the column shines on the strut when its drive stands before it; what falls on the
+    strut goes with the cosine over the square of the distance: J. H. Lambert, "Photometria" (1760). `rise_k` is where
+    it ends right before the heater, which it nears with tau_s; away from there it cools.
     """
 
     def setup(self) -> None:
@@ -70,14 +76,27 @@ class LinkGrowth(_Warming):
         tau = self.values["tau_s"]
         per_m = 1.0 / (DUTY_M_PER_S * JOINT_M_PER_S * tau)
         self._heat = LegMemory(lambda way, speed, _: per_m * np.abs(way) * speed, tau, JOINT * tau)
+        middle, half = self.site.drive_range_m(self.site.machine.struts[self.place].drive)
+        self.heater_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
+        self._shone_on = PlaceMemory(self.shines, tau)
+
+    def shines(self, q_m: Array) -> Array:
+        """What falls on the strut when its drive stands at q_m (n,), over that right before the heater."""
+        return np.asarray((1.0 + ((q_m - self.heater_m) / HEATER_M) ** 2) ** -1.5)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the joint be warmed by its own drive."""
-        if self.variant == "joint_heat" and drive == self.site.machine.struts[self.place].drive:
+        """Let the joint be warmed by its own drive, or the strut where that stands."""
+        if drive != self.site.machine.struts[self.place].drive:
+            return
+        if self.variant == "joint_heat":
             self._heat.record(leg)
+        elif self.variant == "radiant_heater":
+            self._shone_on.record(leg)
 
     def rise_k(self, state: MotionState) -> Array:
         """The temperature above the sensor (n,)."""
+        if self.variant == "radiant_heater":
+            return self.size * self._shone_on.at(state, self.site.machine.struts[self.place].drive)
         if self.variant != "joint_heat":
             return super().rise_k(state)
         whole, joint = self._heat.at(state, self.site.machine.struts[self.place].drive).T
@@ -99,6 +118,9 @@ class ColumnGrowth(_Warming):
     `rail_heat`: the carriage's friction warms the face that carries the rail, so that the column bends with every
     motion until the heat has spread through it: heat from a machine's own motions in R. Venugopal, M. Barash, "Thermal
     Effects on the Accuracy of Numerically Controlled Machine Tools" (1986). Two terms of a plate's series.
+    `two_walls`: its thin wall follows the air sooner than its thick one, so that it bends after every change of the
+    air, one way and back: M. Weck, P. McKeown, R. Bonse, U. Herbst, "Reduction and Compensation of Thermal Errors in
+    Machine Tools" (1995). The thick wall has tau_s; 1 is a size at which the difference of both walls acts as it is.
     """
 
     sensor = "columns"
@@ -137,6 +159,12 @@ class ColumnGrowth(_Warming):
             deviation.travel_m[:, self.place] += left[:, 0] * height
             deviation.sideways_m[:, self.place] += 0.5 * slope / self.width_m * height**2
             deviation.yaw_rad[:, self.place] += slope / self.width_m * height
+        elif self.variant == "two_walls":
+            start_s, tau = self.site.start_s, self.values["tau_s"]
+            thin, thick = (lag_behind(state, AIR, start_s, part_s) for part_s in (THIN_WALL * tau, tau))
+            slope = alpha * self.size * (thin - thick) / self.width_m
+            deviation.sideways_m[:, self.place] += 0.5 * slope * height**2
+            deviation.yaw_rad[:, self.place] += slope * height
         elif self.variant == "motor_above":
             head = self.site.machine.sliders[self.place].travel_m[1] + strut.base_joint.imag - FOOT_M + HEAD_M
             deep = FRONT_M * np.sqrt(np.maximum(self.elapsed_s(state) / self.values["tau_s"], 1.0e-12))
@@ -170,24 +198,43 @@ EFFECTS = (
     _spec(
         "link_thermal_growth",
         "strut",
-        ("warm_up", "lagging", "two_stages", "pulse", "conduction", "still_air", "cycling_air", "joint_heat"),
-        "joint_heat",
-        "time, a temperature swing; by variant travel and speed",
+        (
+            "warm_up",
+            "lagging",
+            "two_stages",
+            "pulse",
+            "conduction",
+            "still_air",
+            "cycling_air",
+            "joint_heat",
+            "radiant_heater",
+        ),
+        "radiant_heater",
+        "time, a temperature swing; by variant travel, speed and place",
         LinkGrowth,
     ),
     _spec(
         "column_thermal_growth",
         "drive",
-        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above", "rail_heat"),
-        "rail_heat",
+        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above", "rail_heat", "two_walls"),
+        "two_walls",
         "time or distance moved, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
         "screw_thermal_growth",
         "drive",
-        ("free_end", "pretensioned", "both_ends", "nut_local", "fixed_bearing", "where_it_ran", "motor_starts"),
-        "motor_starts",
+        (
+            "free_end",
+            "pretensioned",
+            "both_ends",
+            "nut_local",
+            "fixed_bearing",
+            "where_it_ran",
+            "motor_starts",
+            "chilled",
+        ),
+        "chilled",
         "time and distance moved, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),

@@ -8,6 +8,7 @@ import numpy as np
 
 from mock_devices.effects.base import Array, MotionState
 
+AIR = "air"  # the part that is none
 _GRID_S = 30.0
 _TERMS = 60
 
@@ -75,10 +76,10 @@ def ahead_of_front(distance_m: Array, deep_m: Array) -> Array:
 
 
 def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> Array:
-    """A part of time constant tau minus its sensor (n,) in kelvin: first order, equal at the beginning."""
+    """A part of time constant tau minus its sensor, or minus the air (n,) in kelvin: first order, equal at first."""
     last_s = float(state.t_s.max())
     grid = np.arange(start_s, max(last_s, start_s) + 2.0 * _GRID_S, _GRID_S)
-    sensed = state.thermal.part_series_c(part, grid)
+    sensed = state.thermal.air_series_c(grid) if part == AIR else state.thermal.part_series_c(part, grid)
     keep = math.exp(-_GRID_S / tau_s)
     follow = np.empty_like(sensed)
     value = sensed[0]

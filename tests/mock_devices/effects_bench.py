@@ -80,6 +80,13 @@ class Alone:
         return float(self.deviation(**kinds).travel_m[0, drive])
 
 
+def sight_of(points_m):
+    """What a station sees of points (n, smrs, 3) in its own frame."""
+    distance = np.linalg.norm(points_m, axis=-1)
+    hz = np.arctan2(points_m[..., 0], points_m[..., 1])
+    return StationSight(points_m.copy(), hz, np.arccos(points_m[..., 2] / distance), distance)
+
+
 def along(positions_m, drive=0):
     """Drive positions (n, 2) with one drive at many places."""
     q = np.full((len(positions_m), 2), HOME_M)

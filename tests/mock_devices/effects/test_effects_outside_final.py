@@ -2,67 +2,91 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 
 from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, draw
-from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, along
+from mock_devices.recordings.design import nominal_drives
+from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, sight_of
 
 
 def test_a_final_scoring_draws_what_the_descriptions_say():
-    assert set(OUTSIDE_FINAL) == {"bedding_in", "walking_feet", "joint_friction", "dark_tracks"}
-    assert {"cover_glass", "leaning_block", "spindle_heat", "brake_drop"} <= set(OUTSIDE)
+    assert set(OUTSIDE_FINAL) == {"short_tether", "creeping_thread", "clipped_beam", "sagging_platform"}
+    assert not set(OUTSIDE_FINAL) & set(OUTSIDE)
     rng = np.random.default_rng(1)
     assert {draw(name, FILE, rng, final=True).variant for name in OUTSIDE_FINAL} == {"plain"}
     assert all(len(SPECS[name].variants) == 4 for name in OUTSIDE_FINAL)
 
 
-def test_a_seat_sinks_half_as_far_with_every_load():
-    one = Alone("bedding_in", 8e-6, place="right_upper")
-    sunk = [one.deviation(exchanges=float(n)).base_joint_m[0] for n in range(5)]
-    assert sunk[0] == pytest.approx(np.zeros(4))
-    assert np.diff([d[2] for d in sunk]) == pytest.approx([-4e-6j, -2e-6j, -1e-6j, -0.5e-6j])
-    assert not np.any(np.delete(sunk, 2, axis=1))
+def test_a_cable_that_is_too_short_pulls_only_where_it_is_taut():
+    one = Alone("short_tether", 300.0)
+    holder, tied = complex(-1.2 + 0.25, 0.3 + 0.3), -0.1 + 0.2j
+    places = [complex(x, y) for x in (-0.35, 0.0, 0.35) for y in (-0.3, 0.0, 0.3)]
+    q = [nominal_drives(FILE, place) for place in places]
+    d = one.deviation(t_s=np.zeros(9), q=q)
+    ((point, force),) = d.loads
+    way = holder - np.array(places) - tied
+    longest = abs(holder - (0.35 - 0.3j) - tied)
+    expected = 300.0 * np.maximum(np.abs(way) / longest - 0.8, 0.0) / 0.2 * way / np.abs(way)
+    assert point == pytest.approx(np.full(9, tied))
+    assert force == pytest.approx(expected, abs=1e-6)
+    assert np.abs(force).max() == pytest.approx(300.0)
+    assert np.sum(np.abs(force) == 0.0) >= 3
+    before = force
+    one.move(0, 1.3)
+    assert np.array_equal(one.deviation(t_s=np.full(9, one.t_s), q=q).loads[0][1], before)  # no side, no time
 
 
-def test_a_machine_walks_away_by_its_hard_stops():
-    one = Alone("walking_feet", 60e-6)
-    one.move(0, 1.3, speed=0.2)  # as fast as friction still holds
-    one.move(1, 0.9, speed=0.1)
-    assert one.deviation().frame_shift_m[0] == pytest.approx(0.0, abs=1e-15)
-    one.move(0, 1.5, speed=0.4)  # four times the energy: three times what friction holds, to the left
-    assert one.deviation().frame_shift_m[0] == pytest.approx(-1.5e-6)
-    one.move(0, 1.3, speed=0.4)
-    assert one.deviation().frame_shift_m[0] == pytest.approx(1.5e-6)
-    one.move(1, 1.1, speed=0.4)  # the second drive pushes to the right on its way up
-    assert one.deviation().frame_shift_m[0] == pytest.approx(4.5e-6)
+def test_a_thread_creeps_with_every_wide_swing_and_with_no_small_one():
+    one = Alone("creeping_thread", 5e-5, place="right_lower")
+    assert not np.any(one.deviation().length_m)
+    for k in range(20):
+        one.move(1, HOME_M + (0.3 if k % 2 == 0 else 0.0), speed=0.1 + 0.02 * k)
+        one.move(1, one.q[1] + 0.01)  # sticks
+        one.move(1, HOME_M + (0.3 if k % 2 == 0 else 0.0))
+        one.move(0, HOME_M + (0.3 if k % 2 == 0 else 0.0))  # another strut's
+    grown = one.deviation().length_m[0]
+    assert grown[3] == pytest.approx(5e-5 * 20 / 100.0)
+    assert not np.any(grown[:3])
     one.t_s += 5000.0
-    one.move(1, 0.8, speed=0.1)
-    assert one.deviation().frame_shift_m[0] == pytest.approx(4.5e-6)
-    assert not np.any(one.deviation().smr_m)
+    assert np.array_equal(one.deviation().length_m[0], grown)
 
 
-def test_friction_of_joints_turns_the_platform_by_how_the_struts_swung():
-    one = Alone("joint_friction", 40.0)
-    assert one.deviation().moment_nm[0] == 0.0
-    moments = {}
-    for left, right in ((1.0, 1.0), (1.0, -1.0), (-1.0, 1.0), (-1.0, -1.0)):
-        for drive, side in ((0, left), (1, right)):
-            one.move(drive, one.q[drive] + 0.1 * side)
-        moments[left, right] = [float(one.deviation(payload_kg=kg).moment_nm[0]) for kg in (0.0, 75.0)]
-    assert moments[1.0, 1.0] == moments[-1.0, -1.0] == [0.0, 0.0]
-    assert moments[1.0, -1.0] == pytest.approx([-40.0, -60.0])
-    assert moments[-1.0, 1.0] == pytest.approx([40.0, 60.0])
+def test_a_wire_before_the_station_pushes_the_beam_s_middle_away():
+    one = Alone("clipped_beam", 2e-5)
+    wire = one.effect.wire_rad
+    assert -0.06 <= wire <= 0.06
+    assert Alone("clipped_beam", 2e-5, seed=2).effect.wire_rad != wire
+    at = wire + 0.015 * np.array([-6.0, -1.0, 0.0, 1.0, 2.0])
+    points = np.stack([3.0 * np.sin(at), 3.0 * np.cos(at), np.full(5, 0.2)], axis=1)[None]
+    seen = sight_of(points)
+    hz, v, distance = seen.hz_rad.copy(), seen.v_rad.copy(), seen.distance_m.copy()
+    one.effect.apply_to_sight(one.motion_states(0.0), seen)
+    off = (seen.hz_rad - hz)[0]
+    assert off == pytest.approx(2e-5 * np.array([0.0, -1.0, 0.0, 1.0, 2.0 * math.exp(-1.5)]), abs=1e-11)
+    assert np.array_equal(seen.v_rad, v)
+    assert np.array_equal(seen.distance_m, distance)
 
 
-def test_two_dark_tracks_leave_a_stair_of_what_their_bits_stand_for():
-    one = Alone("dark_tracks", 3e-6)
-    at = np.linspace(0.4, 1.6, 4801)
-    off = one.deviation(t_s=np.zeros(len(at)), q=along(at)).travel_m
-    assert set(np.round(off[:, 0] / 1e-6, 9)) == {0.0, 1.0, 2.0, 3.0}  # neither, the finer, the coarser, both
-    jumps = np.flatnonzero(np.diff(off[:, 0]))
-    assert np.diff(at[jumps]) == pytest.approx(0.105, abs=0.0003)
-    assert set(np.round(np.diff(off[:, 0])[jumps] / 1e-6, 9)) == {1.0, -3.0}
-    assert not np.any(off[:, 1])
-    same = one.deviation(t_s=np.zeros(9), q=np.full((9, 2), HOME_M)).travel_m[:, 0]
-    assert np.ptp(same) == 0.0
+def test_a_platform_sags_as_a_beam_between_its_joints():
+    one = Alone("sagging_platform", 4e-5)
+    own, d = one.deviation(), one.deviation(payload_kg=125.0)  # half of 150 kg and 400 kg
+    assert own.smr_m == pytest.approx(d.smr_m * 150.0 / 275.0)
+    names = [smr.name for smr in FILE.smrs]
+    # E I w'' = M of a force F in the middle of 2 a, integrated twice in small steps from the middle outwards.
+    a, n = 0.2, 20000
+    x = (np.arange(n) + 0.5) * a / n
+    slope = np.cumsum(a - x)
+    sag = np.cumsum(slope[::-1])[::-1] / np.sum(slope)  # over that in the middle
+    lean = slope[-1] / np.sum(slope) / (a / n)
+    middle, end = d.smr_m[0, names.index("P3")], d.smr_m[0, names.index("P2")]
+    assert middle == pytest.approx([0.0, -2e-5, 0.0], abs=1e-12)
+    assert end[1] == pytest.approx(0.0, abs=1e-12)
+    assert end[0] == pytest.approx(0.0, abs=1e-12)  # P2 lies in the neutral line
+    joints = d.platform_joint_m[0]
+    assert joints.imag == pytest.approx(np.zeros(4), abs=1e-12)
+    turned = 2e-5 * lean
+    assert joints.real == pytest.approx(turned * np.array([0.245, -0.005, -0.245, 0.005]), rel=1e-3)
+    assert sag[n // 2] == pytest.approx(1.0 - 1.5 * 0.25 + 0.5 * 0.125, rel=1e-3)

@@ -32,6 +32,7 @@ SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # sum of squared speeds: scale of its lo
 CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diameters; creep over travel
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
 PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
+WELL = 8.0  # tau_s over the time in which a well is felt at the foot
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
@@ -243,7 +244,7 @@ class FoundationSettling(Effect):
 
 def _drawn_down(pumped: Array) -> Array:
     """Fall of a well's water (n,) after a time of pumping, over its time constant: no more than nothing before."""
-    return np.asarray(exp1(1.0 / np.maximum(pumped, 1.0e-3)))
+    return np.asarray(exp1(1.0 / (WELL * np.maximum(pumped, 1.0e-4))))
 
 
 _WAVE = (EffectParameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)

@@ -31,6 +31,7 @@ TIMES_A_PERIOD = {  # how often an error repeats within the period of what errs
     "screw_periodic_error/universal_joint": 2,
     "encoder_interpolation/amplitude": 2,
     "encoder_interpolation/shadow_gratings": 4,
+    "encoder_interpolation/self_images": 4,
 }
 
 

@@ -33,6 +33,7 @@ from calibration.model.visits import Visits
 
 HYPOTHESIS_MIN_PROBABILITY = 0.005
 UNTESTED_PRIOR_SHARE = 0.4  # of the probability, for effects that the campaign could not show
+NEGLIGIBLE_SIGMA = 1e-12  # RMS that a size of one makes at the platform
 ASSUMED_SIGMA = 2.0  # RMS at the platform of such an effect
 ASSUMED_FRICTION = 0.1  # of the drive's median torque, by approach direction
 READING_S = 1.0  # half the duration of aiming and a reading
@@ -140,7 +141,8 @@ class _Hypotheses:
                 continue
             main = built.contributions[built.sets[0].columns[0]]
             absolute = float(np.sqrt(np.mean(response(main, absolute=True) ** 2)))
-            predictions.append(response(main) * (ASSUMED_SIGMA / max(absolute, 1e-300)))
+            seen = absolute > NEGLIGIBLE_SIGMA  # of a size of one: nothing that was read responds to it
+            predictions.append(response(main) * (ASSUMED_SIGMA / absolute) if seen else no_change)
         return np.array(predictions)
 
     def _planned_context(self, proposal: Proposal) -> tuple[ReadingContext, Array]:

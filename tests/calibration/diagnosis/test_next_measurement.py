@@ -12,6 +12,7 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.findings.next_measurement import _ChannelResponse, _Hypotheses
 from calibration.diagnosis.findings.proposals import duration_min, proposals
 from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import append_context
 from calibration.machine.description import load_machine
 from mock_devices.effects import EffectChoice
@@ -133,3 +134,14 @@ def test_each_proposal_varies_what_it_says(small):
         "everything varied": (True, True, True, True),
     }
     assert len({tuple(visit.target_m for visit in proposal.visits) for proposal in proposals(small)}) == 1
+
+
+def test_an_untested_effect_that_no_planned_reading_shows_predicts_nothing(small):
+    """Latency where planned visits rest: what the drives' noise said of the campaign's velocities is no scale of it."""
+    noise = 3e-6 * np.random.default_rng(8).standard_normal(small.context.velocity_m_per_s.shape)
+    noisy = replace(small, context=replace(small.context, velocity_m_per_s=noise))
+    latency = load_catalogue().effect("latency")
+    hypotheses = _Hypotheses(noisy, SimpleNamespace(ranking=()), {NONE: 1.0}, (latency,))
+    predictions = hypotheses.predict(next(proposals(noisy)))
+    assert predictions.shape[0] == 2
+    assert np.all(predictions == 0.0)

@@ -83,12 +83,15 @@ class Kept:
         width = settings.excess_width + settings.excess_width_share * explained
         threshold = settings.excess_threshold + settings.excess_share * explained
         left_over = self.excess + settings.departure_share * self.departure_gain
-        unknown = (1.0 - settings.new_form_share) * expit((left_over - threshold) / width)
+        exceeded = expit((left_over - threshold) / width)
         tempered = logs / (1.0 + settings.temperature_share * np.maximum(strongest, 0.0))[:, None]
         by_causes = expit(np.maximum(strongest, explained) - self.none_elsewhere - settings.none_prior_log_odds)
-        any_named = np.minimum(any_effect * (1.0 - unknown), by_causes)
+        new_form = settings.new_form_share * exceeded * any_effect
+        wanted = (1.0 - exceeded) * any_effect + new_form
+        any_named = np.minimum(wanted, by_causes)
+        unknown = exceeded * any_effect - new_form + np.minimum(new_form, wanted - any_named)
         named = np.exp(tempered - logsumexp(tempered, axis=1, keepdims=True)) * any_named[:, None]
-        return np.column_stack([named, 1.0 - any_effect * unknown - any_named, any_effect * unknown])
+        return np.column_stack([named, np.maximum(1.0 - unknown - any_named, 0.0), unknown])
 
     def log_scores(self, settings: VerdictSettings) -> Array:
         """Logarithms (n,) of the probability of the right answers together."""

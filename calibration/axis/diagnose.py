@@ -25,7 +25,8 @@ from calibration.diagnosis.verdict import verdict_probabilities
 from calibration.recording.axis_recording import AxisRecording
 
 CLUES = 4
-AXIS_VERDICT = replace(VERDICT, excess_share=0.1)  # tuned on simulated drives, whose reversals are sharper than a law
+# Tuned on simulated drives, whose reversals are sharper than a law.
+AXIS_VERDICT = replace(VERDICT, excess_share=0.1, new_form_share=0.0)
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effects' models are not exact
 NO_RATIO = "the ratio is not stated: a compliance counts per unit of the motor's torque"
 

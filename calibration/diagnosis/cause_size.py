@@ -15,7 +15,8 @@ def size_of(cause: Cause) -> tuple[float, float]:
     if basis_set.size:
         weights = np.array(basis_set.size + (0.0,) * (len(best.coefficients) - len(basis_set.size)))
         return float(weights @ best.coefficients), float(np.sqrt(weights @ best.covariance @ weights))
-    main = [i for i, relative in enumerate(basis_set.relative) if relative >= 1.0]
+    own = basis_set.relative[: len(basis_set.relative) - len(basis_set.departures)]
+    main = [i for i, relative in enumerate(own) if relative >= 1.0]
     coefficients, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
     if len(main) == 1:
         return float(coefficients[0]), float(np.sqrt(covariance[0, 0]))

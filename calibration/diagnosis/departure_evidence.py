@@ -1,19 +1,22 @@
 """The evidence of an effect that departs from its form.
 
 A basis set is an exact statement, which no real part obeys, and the stronger the signal, the more a small departure
-costs. Beside the exact form there are therefore the form times a smooth function of one coordinate or, a little, of all
-of them; and for effects that are another one at each stop, times a number of its own for each visit. Departures are a
-share of what is *seen* of the form: otherwise a form that the calibration absorbs could become anything.
+costs. Beside the exact form there are therefore the form times a smooth function of one coordinate or of all of them: a
+little of any coordinate, wholly of those with which the effect's strength may vary; and for effects that are another
+one at each stop, times a number of its own for each visit. Departures are a share of what is *seen* of the form:
+otherwise a form that the calibration absorbs could become anything.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import (
     BasisSetEvidence,
     evidence_of_basis_sets,
@@ -27,8 +30,22 @@ from calibration.effects.departures import VISIT, departing, functions_it_varies
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
 NOTHING = 1e-300
-DEPENDENCE_WEIGHT = 0.5  # prior of an effect whose strength depends on something, over that of its exact form
+FEW = 0.05  # of the readings, at which a strength with a sign may have the other one
 MOST_MAIN_COLUMNS = 3  # more are an arbitrary function already, which has no form to depart from
+
+
+_Kind = Literal["exact", "a little", "wholly", "by visit"]
+
+
+@dataclass(frozen=True)
+class _Way:
+    """One way of departing from a form: its prior over that of the exact form, its departures, and the standard
+    deviation of each, over the size."""
+
+    kind: _Kind
+    prior: float
+    departures: tuple[Departure, ...] = ()
+    scales: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -65,75 +82,84 @@ def with_departures(
         main = main[:1]
     if len(main) > MOST_MAIN_COLUMNS:
         return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
-    of_coordinates = {
+    a_little, wholly = functions_of_coordinates(inputs, effect, place), functions_it_varies_with(inputs, effect, place)
+    of_coordinate = {
         coordinate: [Departure(i, coordinate, term) for i in main for term in range(functions.shape[1])]
-        for every in (functions_of_coordinates, functions_it_varies_with)
-        for coordinate, functions in every(inputs, effect, place).items()
+        for coordinate, functions in (a_little | wholly).items()
     }
-    smooth = [of_coordinates[coordinate] for coordinate in functions_of_coordinates(inputs, effect, place)]
-    expected = [of_coordinates[coordinate] for coordinate in functions_it_varies_with(inputs, effect, place)]
     visits = np.unique(inputs.context.arrival) if by_visit and effect.differs_by_visit else ()
     fluctuating = [Departure(main[0], VISIT, int(arrival)) for arrival in visits]
-    departures = [departure for group in (*of_coordinates.values(), fluctuating) for departure in group]
+    departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
     seen = dict(zip(departures, np.diag(information.information)[len(contributions) :].tolist(), strict=True))
     seen_of_form = float(np.sum(np.diag(information.information)[main]))
 
-    def scales(group: Sequence[Departure], share: float) -> list[float]:
-        """Standard deviations relative to the size: a share of the form, and of what is seen of the form."""
-        total = sum(seen[departure] for departure in group)
-        return [share * min(1.0, math.sqrt(seen_of_form / max(total, NOTHING)))] * len(group)
+    def way(kind: _Kind, prior: float, share: float, *groups: Sequence[Departure]) -> _Way:
+        """Departures whose groups have a share of the form together, but no more than of what is seen of the form."""
+        each, scales = share / math.sqrt(len(groups)), list[float]()
+        for group in groups:
+            total = sum(seen[departure] for departure in group)
+            scales += [each * min(1.0, math.sqrt(seen_of_form / max(total, NOTHING)))] * len(group)
+        return _Way(kind, prior, tuple(d for group in groups for d in group), tuple(scales))
 
-    # Each way has one share of the prior, and within it each coordinate and each size of a departure the same.
-    ways: list[tuple[float, list[Departure], list[float]]] = [(1.0, [], [])]
-    for share in SMOOTH_SHARES if smooth else ():
-        each = share / math.sqrt(len(smooth))
-        together = [scale for group in smooth for scale in scales(group, each)]
-        ways.append((1.0 / len(SMOOTH_SHARES), [d for group in smooth for d in group], together))
-        prior = 1.0 / len(SMOOTH_SHARES) / len(smooth)
-        ways += [(prior, group, scales(group, share)) for group in smooth]
-    first_expected = len(ways)
-    for share in VERDICT.dependence_shares if expected else ():
-        weight = DEPENDENCE_WEIGHT / len(VERDICT.dependence_shares)
-        each = share / math.sqrt(len(expected))
-        together = [scale for group in expected for scale in scales(group, each)]
-        ways.append((weight, [d for group in expected for d in group], together))
-        ways += [(weight / len(expected), group, scales(group, share)) for group in expected]
-    first_fluctuating = len(ways)
+    def all_and_each(kind: _Kind, prior: float, share: float, coordinates: Collection[str]) -> list[_Way]:
+        """Half the prior for all coordinates together, the other half for each of them alone."""
+        groups = [of_coordinate[coordinate] for coordinate in coordinates]
+        alone = [way(kind, 0.5 * prior / len(groups), share, group) for group in groups]
+        return [way(kind, 0.5 * prior, share, *groups), *alone] if groups else []
+
+    ways = [_Way("exact", 1.0)]
+    for share in SMOOTH_SHARES:
+        ways += all_and_each("a little", 2.0 / len(SMOOTH_SHARES), share, a_little)
+    for share in VERDICT.dependence_shares:
+        ways += all_and_each("wholly", 1.0 / len(VERDICT.dependence_shares), share, wholly)
     for share in SHARES_BY_VISIT if fluctuating else ():
-        ways.append((1.0 / len(SHARES_BY_VISIT), fluctuating, scales(fluctuating, share)))
+        ways.append(way("by visit", 1.0 / len(SHARES_BY_VISIT), share, fluctuating))
     number = {departure: len(contributions) + i for i, departure in enumerate(departures)}
     own = tuple(range(len(contributions)))
     sets = [
         replace(
             exact.basis_set,
-            columns=(*own, *(number[departure] for departure in group)),
-            relative=(*exact.basis_set.relative, *relative),
+            columns=(*own, *(number[departure] for departure in way.departures)),
+            relative=(*exact.basis_set.relative, *way.scales),
         )
-        for _, group, relative in ways
+        for way in ways
     ]
     evidence = evidence_of_basis_sets(information, sets, low, effect.size.high)
-    priors = np.array([prior for prior, _, _ in ways])
+    priors = np.array([way.prior for way in ways])
     logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
-    logs[[not _is_share_of_form(entry, group) for entry, (_, group, _) in zip(evidence, ways, strict=True)]] = -np.inf
+    for i, (entry, tried) in enumerate(zip(evidence, ways, strict=True)):
+        no_share = tried.kind == "by visit" and not _is_share_of_form(entry, tried.departures)
+        if no_share or (tried.kind == "wholly" and _turns(entry, tried.departures, wholly)):
+            logs[i] = -np.inf
     likeliest = int(np.argmax(logs))
-    best, group = evidence[likeliest], tuple(ways[likeliest][1])
-    basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=group)
+    best, departures_of_best = evidence[likeliest], ways[likeliest].departures
+    basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=departures_of_best)
     log_evidence = float(log_sum(logs))
-    as_expected = [0, *range(first_expected, first_fluctuating)]
-    log_expected = float(log_sum(logs[as_expected]) - np.log(priors[as_expected].sum() / priors.sum()))
+    expected = [i for i, way in enumerate(ways) if way.kind in ("exact", "wholly")]
+    log_expected = float(log_sum(logs[expected]) - np.log(priors[expected].sum() / priors.sum()))
     return DepartingEvidence(
         log_evidence - evidence[0].log_evidence,
-        0.0 if likeliest >= first_fluctuating else max(log_evidence - log_expected, 0.0),
+        0.0 if ways[likeliest].kind == "by visit" else max(log_evidence - log_expected, 0.0),
         replace(best, basis_set=basis_set),
         tuple(columns[c] for c in best.basis_set.columns),
     )
 
 
+def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: Mapping[str, Array]) -> bool:
+    """Whether an effect whose sign mechanics knows has the other one at more than a few readings."""
+    if not entry.basis_set.sign:
+        return False
+    strength = entry.coefficients[0] + sum(
+        coefficient * functions[departure.coordinate][:, departure.term]
+        for coefficient, departure in zip(entry.coefficients[-len(departures) :], departures, strict=True)
+        if departure.column == 0
+    )
+    return bool(np.mean(strength * entry.basis_set.sign < 0.0) > FEW)
+
+
 def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure]) -> bool:
     """Whether what differs by visit may be shares, zero to all, of what acts: then it scatters less than its mean."""
-    if not departures or departures[0].coordinate != VISIT:
-        return True
     scatter = np.sqrt(np.mean(entry.coefficients[-len(departures) :] ** 2))
     return bool(scatter < abs(entry.coefficients[departures[0].column]))

@@ -123,6 +123,12 @@ class _Explanation:
         """Of causes and the strongest alternative together."""
         return max(self.of_fewer, self.log_evidence + max((a.log_evidence for a in self.non_parametric), default=0.0))
 
+    @property
+    def left_over(self) -> float:
+        """What an alternative explains more, and the share of what departures add that counts as that."""
+        more = self.best_log_evidence - self.log_evidence
+        return more + VERDICT.departure_share * departure_gain([part for cause in self.causes for part in cause.parts])
+
 
 def _search(
     likelihood: MarginalLikelihood,
@@ -139,8 +145,7 @@ def _search(
     begins with the next in the ranking and with each cause that was found later.
     """
     found = best = _include_from(likelihood, inputs, effects, ranking, by_visit=by_visit)
-    left_over = found.best_log_evidence - found.log_evidence
-    if len(found.causes) > 1 or (found.causes and _is_much(left_over, found.log_evidence)):
+    if len(found.causes) > 1 or (found.causes and _is_much(found.left_over, found.log_evidence)):
         later = {cause.effect.name for cause in found.causes[1:]}
         leaders = [c for place, c in enumerate(ranking[1:], 2) if place <= VERDICT.leaders or c.effect.name in later]
         for leader in leaders:

@@ -62,19 +62,18 @@ def verdict_probabilities(
     any_effect = float(expit(max(strongest, explained + excess) - none_elsewhere - settings.none_prior_log_odds))
     width = settings.excess_width + settings.excess_width_share * explained
     left_over = excess + settings.departure_share * departure_gain
-    unknown = float(expit((left_over - excess_threshold(explained, settings)) / width))
-    tempered = np.empty(0)
-    if logs.size:
-        unknown *= 1.0 - settings.new_form_share
-        tempered_logs = logs / temperature(strongest, settings)
-        tempered = np.exp(tempered_logs - log_sum(tempered_logs))
-    else:
-        unknown = 1.0
-    # What only an arbitrary function explains is no reason for an effect that explains nothing.
+    exceeded = float(expit((left_over - excess_threshold(explained, settings)) / width)) if logs.size else 1.0
+    # What only an arbitrary function explains is no reason for an effect that explains nothing: its share is that of
+    # `none` or, where it would have been for a new form of an effect, of `unknown`.
     by_causes = float(expit(max(strongest, explained) - none_elsewhere - settings.none_prior_log_odds))
-    any_named = min(any_effect * (1.0 - unknown), by_causes) if logs.size else 0.0
+    new_form = settings.new_form_share * exceeded * any_effect
+    wanted = (1.0 - exceeded) * any_effect + new_form
+    any_named = min(wanted, by_causes) if logs.size else 0.0
+    unknown = exceeded * any_effect - new_form + min(new_form, wanted - any_named)
+    tempered_logs = logs / temperature(strongest, settings)
+    tempered = np.exp(tempered_logs - log_sum(tempered_logs)) if logs.size else logs
     out = {name: float(p) for name, p in zip(log_evidence, any_named * tempered, strict=True)}
-    return out | {NONE: 1.0 - any_effect * unknown - any_named, UNKNOWN: any_effect * unknown}
+    return out | {NONE: max(1.0 - unknown - any_named, 0.0), UNKNOWN: unknown}
 
 
 def temperature(log_evidence: float, settings: VerdictSettings = VERDICT) -> float:

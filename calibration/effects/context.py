@@ -115,6 +115,10 @@ class ReadingContext:
         """Distance (n,) that a drive has moved since the campaign's first arrival."""
         return np.asarray(np.cumsum(self.history.travelled_m[:, drive])[self.arrival])
 
+    def mean_temperature_c(self) -> Array:
+        """Mean (n,) of all recorded temperatures."""
+        return np.asarray(np.mean([np.asarray(values) for values in self.temperatures_c.values()], axis=0))
+
     def left_by_motions(self, left: Array, tau_s: float) -> Array:
         """Sum (n,) of what the motions to each arrival (k,) have left, which dies away with a time constant."""
         at_arrival = fading(self.history.arrived_s, left, tau_s)[self.arrival]
@@ -309,6 +313,12 @@ class CombinedContext(ReadingContext):
     def way_m(self, drive: int) -> Array:
         """Distance (n,) that a drive has moved."""
         return self._concatenate_clipped(self.campaign.context.way_m(drive), self.other.context.way_m(drive))
+
+    def mean_temperature_c(self) -> Array:
+        """Mean (n,) of all recorded temperatures."""
+        mean_c = super().mean_temperature_c()
+        of_campaign = mean_c[: len(self.campaign.context)]
+        return np.clip(mean_c, of_campaign.min(), of_campaign.max())
 
     def thermal_lag_k(self, sensor: str, tau_s: float) -> Array:
         """Temperature of a part of time constant tau_s minus its sensor (n,)."""

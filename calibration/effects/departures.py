@@ -7,8 +7,7 @@ what departs from it.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -26,23 +25,22 @@ ALWAYS: tuple[Coordinate, ...] = (
 )  # fmt: skip
 
 
-def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -> Mapping[str, Array]:
+def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -> dict[str, Array]:
     """Smooth functions (n, k), of total RMS one, of each coordinate that varies and on which any effect may depend."""
     return _functions(inputs, effect, place, ALWAYS)
 
 
-def functions_it_varies_with(inputs: EffectInputs, effect: Effect, place: int) -> Mapping[str, Array]:
+def functions_it_varies_with(inputs: EffectInputs, effect: Effect, place: int) -> dict[str, Array]:
     """The same of each coordinate on which the effect's strength may depend wholly."""
     return _functions(inputs, effect, place, effect.varies_with)
 
 
-def _functions(inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]) -> Mapping[str, Array]:
-    functions = {
+def _functions(inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]) -> dict[str, Array]:
+    return {
         name: cosine_basis(x, terms, roughness=ROUGHNESS)
-        for kind, name, x, terms in _coordinates(inputs, effect, place, kinds)
+        for _, name, x, terms in _coordinates(inputs, effect, place, kinds)
         if np.ptp(x) > 0.0
     }
-    return MappingProxyType(functions)
 
 
 def _coordinates(
@@ -78,8 +76,7 @@ def _coordinates(
     if "t_s" not in context.not_said:
         out.append(("time", "time", context.elapsed_s, TIME_TERMS))
     if "temperature" in kinds and context.temperatures_c:
-        mean_c = np.mean([np.asarray(values) for values in context.temperatures_c.values()], axis=0)
-        out.append(("temperature", "temperature", mean_c, OTHER_TERMS))
+        out.append(("temperature", "temperature", context.mean_temperature_c(), OTHER_TERMS))
     return [entry for entry in out if entry[0] in kinds]
 
 

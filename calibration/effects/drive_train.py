@@ -134,7 +134,6 @@ EFFECTS = (
         forms=cumulative,
         untested=_untested_with_short_travel,
         measured="rms",
-        varies_with=("other travel", "side", "payload"),
         order=90,
     ),
     Effect(

@@ -91,7 +91,6 @@ EFFECTS = (
         forms=straightness,
         untested=_untested_with_short_travel,
         measured="rms",
-        varies_with=("other travel", "side", "payload"),
         order=120,
     ),
     Effect(
@@ -103,7 +102,6 @@ EFFECTS = (
         forms=angular,
         untested=_untested_with_short_travel,
         measured="rms",
-        varies_with=("other travel", "side", "payload"),
         order=130,
     ),
     Effect(

@@ -31,6 +31,7 @@ from calibration.effects.departures import lasting_columns
 from calibration.machine.inverse import rigid_drives
 from calibration.model.visits import Visits
 
+OF_CAMPAIGN = ("way.", "temperature")  # coordinates whose range is that of the campaign's own readings
 HYPOTHESIS_MIN_PROBABILITY = 0.005
 UNTESTED_PRIOR_SHARE = 0.4  # of the probability, for effects that the campaign could not show
 NEGLIGIBLE_SIGMA = 1e-12  # RMS that a size of one makes at the platform
@@ -127,6 +128,9 @@ class _Hypotheses:
             if basis_set.parameters.keys() & {"period_m", "onset_s"} or max(basis_set.columns) >= len(contributions):
                 predictions.append(no_change)  # periods and onsets of the campaign do not tell about later visits
                 continue
+            if any(departure.coordinate.startswith(OF_CAMPAIGN) for departure in basis_set.departures):
+                predictions.append(no_change)  # nor what goes with a way or a temperature that are yet to come
+                continue
             if any(name.startswith(UNKNOWN_CHANNEL) for column in contributions for name, _ in column):
                 predictions.append(no_change)  # how such an unknown acts is known of the measured readings alone
                 continue
@@ -141,7 +145,7 @@ class _Hypotheses:
                 continue
             main = built.contributions[built.sets[0].columns[0]]
             absolute = float(np.sqrt(np.mean(response(main, absolute=True) ** 2)))
-            seen = absolute > NEGLIGIBLE_SIGMA  # of a size of one: nothing that was read responds to it
+            seen = absolute > NEGLIGIBLE_SIGMA  # of a size of one: else no planned reading responds to it
             predictions.append(response(main) * (ASSUMED_SIGMA / absolute) if seen else no_change)
         return np.array(predictions)
 

@@ -363,6 +363,26 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
     assert len(found.contributions) == len(found.best.coefficients) == 1 + len(found.best.basis_set.departures)
 
 
+@pytest.mark.parametrize(("least", "kept"), [(0.2, True), (-1.0, False)])
+@pytest.mark.parametrize("sign", [0.0, 1.0])
+def test_a_strength_whose_sign_mechanics_knows_does_not_turn(small, likelihood, least, kept, sign):
+    """Growing with the load from `least` to 2: play that becomes negative is none; a size without a sign may."""
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = replace(with_forms_at(0), varies_with=("payload",))
+    load = small.context.payload_kg / small.context.payload_kg.max()
+    strength = least + (2.0 - least) * load
+    (form,) = effect.forms(inputs, 0).contributions
+    ((channel, shape),) = form
+    shift = explicit(small, likelihood, [((channel, shape * strength),)])[:, 0] * 8.0e-5
+    planted = likelihood.on(replace(small, residual=small.residual + shift.reshape(-1, 3)))
+    basis_set = BasisSet((0,), (1.0,), sign=sign)
+    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [basis_set], LOW, HIGH)
+    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=False)
+    expected = kept or sign == 0.0
+    assert (found.unexpected < 2.0) is expected
+    assert (max(found.best.basis_set.relative[1:]) >= 0.4) is expected
+
+
 def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likelihood):
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = replace(with_forms_at(0), differs_by_visit=True)

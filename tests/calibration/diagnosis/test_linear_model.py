@@ -52,13 +52,14 @@ def replace_nuisance(file):
     return file.model_copy(update={"nuisance": type(file.nuisance)()})
 
 
-def displaced(recording, seat, shift_m: float, seed: int = 7):
-    """The recording with reflectors seated anew: `seat` gives each reading a key, all of one key move together."""
+def displaced(recording, seat, along, shift_m: float, seed: int = 7):
+    """The recording with reflectors seated anew: `seat` gives each reading a key, all of one key move together, along
+    directions (3, k) in the station's frame."""
     rng, moved = np.random.default_rng(seed), {}
     place = np.stack([recording[name] for name in ("x_m", "y_m", "z_m")], axis=1).copy()
     for row in range(len(place)):
         if (key := seat(row)) is not None:
-            place[row] += moved.setdefault(key, shift_m * rng.standard_normal(3))
+            place[row] += moved.setdefault(key, along @ (shift_m * rng.standard_normal(along.shape[1])))
     distance = np.linalg.norm(place, axis=1)
     return changed(
         recording, x_m=place[:, 0], y_m=place[:, 1], z_m=place[:, 2], slope_distance_m=distance,
@@ -66,17 +67,21 @@ def displaced(recording, seat, shift_m: float, seed: int = 7):
     )  # fmt: skip
 
 
-@pytest.mark.parametrize("on", ["platform", "slider", "floor"])
-def test_reflectors_are_put_back_anywhere_and_in_any_direction(on):
-    """Those on sliders and on the platform at an exchange of payload, those in floor nests at each check."""
-    levels = DisturbanceLevels(reseat_m=2e-5)
-    recording = recorded(plant(60, nuisance=replace(levels, reseat_m=0.0), seed=2))
-    recording = replace(recording, file=recording.file.model_copy(update={"nuisance": DeclaredLevels(reseat_m=2e-5)}))
+@pytest.mark.parametrize(("on", "level_m"), [("platform", 3e-4), ("slider", 2e-5), ("floor", 2e-5)])
+def test_reflectors_are_put_back_anywhere_and_in_any_direction(on, level_m):
+    """Those on sliders at an exchange of payload, those in floor nests at each check; those on the platform, which have
+    seats in the plane of the machine anyway, also across it, where ranges of 0.1 mm hardly show it."""
+    recording = recorded(plant(60, seed=2))
+    recording = replace(
+        recording, file=recording.file.model_copy(update={"nuisance": DeclaredLevels(reseat_m=level_m)})
+    )
     smr, payload = recording["smr"], recording["payload"]
     exchange = np.cumsum(np.diff(payload, prepend=payload[0]) != 0.0)
     of = {s.name: s.on for s in recording.machine.smrs}
     time = exchange if on != "floor" else recording["nest_check"]
-    seated = displaced(recording, lambda row: (smr[row], time[row]) if of[smr[row]] == on else None, 2e-5)
+    across = linearise_recording(recording, judge=False).frame.rotation[:, 2:]
+    along = across if on == "platform" else np.eye(3)
+    seated = displaced(recording, lambda row: (smr[row], time[row]) if of[smr[row]] == on else None, along, level_m)
     silent = replace(seated, file=replace_nuisance(seated.file))
 
     def chi2_of_these(one) -> float:
@@ -86,7 +91,7 @@ def test_reflectors_are_put_back_anywhere_and_in_any_direction(on):
 
     declared, undeclared = chi2_of_these(seated), chi2_of_these(silent)
     assert declared == pytest.approx(1.0, abs=0.25)
-    assert undeclared > 1.6
+    assert undeclared > 1.5
 
 
 @pytest.mark.parametrize("hours", [0.3, 1.0, 2.0])

@@ -175,6 +175,18 @@ def test_two_effects_that_look_like_a_third_are_found_from_the_weaker_one(monkey
     assert max(probabilities(result).items(), key=lambda item: item[1])[0] == "latency"
 
 
+def test_a_search_begins_with_the_fourth_of_the_ranking_too(monkeypatch):
+    given = {
+        "none": {"refraction": 1000.0, "latency": 800.0, "tracker_drift": 790.0, "smr_reseat": 780.0, "payload": 770.0},
+        "none+refraction": {"latency": 100.0},
+        "none+smr_reseat": {"payload": 600.0},
+        "none+payload": {"smr_reseat": 700.0},
+    }
+    assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["payload", "smr_reseat"]
+    given["none+smr_reseat"] = {}
+    assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["latency", "refraction"]
+
+
 @pytest.mark.parametrize(("rest", "names"), [(17.4, ["refraction"]), (18.6, ["latency", "smr_reseat"])])
 def test_where_one_cause_leaves_half_of_what_unknown_needs_the_search_begins_with_others(monkeypatch, rest, names):
     """Half of 12 and a fortieth of 1,000: a single cause that explains most may stand for two."""

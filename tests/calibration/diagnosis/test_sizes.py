@@ -9,7 +9,7 @@ from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
 from calibration.diagnosis.cause_size import absorbed_share, relative_u_of_form, size_of
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.ranking import Cause
-from calibration.effects.api import BasisSet
+from calibration.effects.api import BasisSet, Departure
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import STATED, Arrivals, changed, plant, recorded, simulated
@@ -127,6 +127,16 @@ def test_a_basis_set_may_say_how_its_coefficients_add_up_to_the_size():
     value, u = size_of(Cause(effect, 50.0, {"left": 1.0}, "left", best, ()))
     assert value == pytest.approx(5e-5)
     assert u == pytest.approx(1e-6 * np.sqrt(4.0 * 4.0 + 9.0 - 2.0 * 2.0 * 1.0))
+
+
+def test_departures_as_large_as_the_form_are_no_part_of_the_size():
+    """Play that varies wholly with the load is as wide as its form says, however far it departs."""
+    departures = (Departure(0, "payload", 0), Departure(0, "time", 0))
+    basis_set = BasisSet((0,), (1.0, 1.0, 1.0), departures=departures)
+    best = BasisSetEvidence(basis_set, 50.0, 1e-5, np.array([3e-5, 2e-5, -1e-5]), 1e-12 * np.diag([4.0, 9.0, 16.0]))
+    value, u = size_of(Cause(load_catalogue().effect("backlash"), 50.0, {"left": 1.0}, "left", best, ()))
+    assert value == pytest.approx(3e-5)
+    assert u == pytest.approx(2e-6)
 
 
 def test_a_norm_of_channels_is_that_of_each_channel_s_mean_square():

@@ -17,6 +17,7 @@ from calibration.effects.context import (
     combine_contexts,
     context_of_recording,
 )
+from calibration.effects.departures import functions_it_varies_with
 from calibration.recording.header import KnownTable
 from mock_devices.recordings.design import DesignOptions
 from tests.calibration.diagnosis.campaigns import changed, plant, recorded
@@ -85,6 +86,58 @@ def test_the_way_beyond_a_campaign_ends_where_the_campaign_did(m):
         assert other.way_m(drive).max() > own.max() + 1.0
         assert np.array_equal(combined.way_m(drive)[: len(m)], own)
         assert combined.way_m(drive)[len(m) :] == pytest.approx(np.minimum(other.way_m(drive)[rows], own.max()))
+
+
+def test_the_mean_temperature_stays_within_that_of_the_campaign(m):
+    """Of two parts in antiphase the mean hardly varies; both at their warmest were never seen."""
+    wave = np.sin(m.elapsed_s / 900.0)
+    campaign = replace(m, temperatures_c={"air": 20.0 + wave, "base": 20.0 - 0.9 * wave})
+    assert campaign.mean_temperature_c() == pytest.approx(20.0 + 0.05 * wave)
+    other = replace(campaign, temperatures_c=dict.fromkeys(("air", "base"), np.full(len(m), 25.0)))
+    clipped = clip_to_campaign(campaign, other)
+    rows = np.arange(0, len(m), 7)
+    combined = combine_contexts(CachedContext(campaign), clipped, cached_context(clipped, other), rows)
+    assert np.array_equal(combined.mean_temperature_c()[: len(m)], campaign.mean_temperature_c())
+    assert combined.mean_temperature_c()[len(m) :] == pytest.approx(campaign.mean_temperature_c().max())
+
+
+COORDINATES = {
+    "own travel": ("drives", 0, "travel.left"),
+    "other travel": ("drives", 1, "travel.right"),
+    "side": ("direction", 0, "side.left"),
+    "payload": ("payload_kg", None, "payload"),
+    "rest": ("dwell_s", None, "rest"),
+    "speed": ("speed_m_per_s", None, "speed"),
+    "time": ("t_s", None, "time"),
+}
+
+
+@pytest.mark.parametrize("kind", COORDINATES)
+def test_a_strength_that_varies_with_a_coordinate_is_a_function_of_nothing_else(recording, m, kind):
+    _, _, name = COORDINATES[kind]
+    rng = np.random.default_rng(7)
+    drawn = replace(m, dwell_s=rng.uniform(0.5, 9.0, len(m)), speed_m_per_s=rng.uniform(0.1, 0.5, len(m)))
+    effect = replace(load_catalogue().effect("backlash"), varies_with=(kind,))
+    (before,) = functions_it_varies_with(inputs_of(recording.machine, drawn), effect, 0).items()
+    assert before[0] == name
+    for other, (of_other, of_column, _) in COORDINATES.items():
+        values = getattr(drawn, of_other).copy()
+        part = values if of_column is None else values[:, of_column]
+        part[:] = part[::-1].copy()
+        changed_context = replace(drawn, **{of_other: values})
+        after = functions_it_varies_with(inputs_of(recording.machine, changed_context), effect, 0)[name]
+        assert np.array_equal(after, before[1]) is (other != kind)
+
+
+@pytest.mark.parametrize("drive", [0, 1])
+def test_a_strength_that_varies_with_the_way_does_with_that_of_its_own_drive(recording, m, drive):
+    effect = replace(load_catalogue().effect("backlash"), varies_with=("way",))
+    functions = functions_it_varies_with(inputs_of(recording.machine, m), effect, drive)
+    ((name, found),) = functions.items()
+    assert name == f"way.{recording.machine.drive_names[drive]}"
+    way = m.way_m(drive)
+    wave = np.cos(np.pi * (way - way.min()) / np.ptp(way))
+    assert abs(np.corrcoef(found[:, 0], wave)[0, 1]) == pytest.approx(1.0)
 
 
 def test_exchanges_are_counted_in_time(bench, recording, m):

@@ -9,7 +9,7 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.identification.calibration import identify_recording, pose_u
-from calibration.identification.held_out import held_out_error
+from calibration.identification.held_out import _are_held_out, _without_held_out, held_out_error
 from calibration.identification.model_comparison import orientation_prediction
 from calibration.identification.prediction import predict_poses
 from calibration.reduction.reduction import reduce
@@ -62,3 +62,9 @@ def test_of_poses_without_a_number_every_fifth_visit_is_held_out(whole, identifi
     unnumbered = identify_recording(replace(whole, columns={**whole.columns, "pose": pose}), "map", baselines=False)
     error, _ = held_out_error(unnumbered, "map")
     assert error["position_rms_m"] == pytest.approx(numbered["position_rms_m"], rel=0.3)
+    refitted = _without_held_out(unnumbered.reduction.recording)
+    kept = set(refitted["visit"][np.asarray(refitted["phase"]) == "calibration"].astype(int))
+    info = unnumbered.reduction.info
+    predicted = set(info.number[_are_held_out(info.pose, info.number) & unnumbered.reduction.rows("calibration")])
+    assert len(predicted) > 10
+    assert not predicted & kept

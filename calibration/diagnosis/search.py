@@ -53,7 +53,8 @@ class SearchResult:
 
     @property
     def departure_gain(self) -> float:
-        """Of the causes' log evidence, what smooth departures from their forms add."""
+        """Of the causes' log evidence, what smooth departures from their forms add with coordinates on which their
+        strength is not expected to depend."""
         return departure_gain(self.causes)
 
 
@@ -93,7 +94,8 @@ def departure_gain(causes: Sequence[Cause]) -> float:
 
 
 def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> float:
-    """Excess log evidence of a non-parametric alternative at which effects that explain so much have even odds."""
+    """Excess log evidence of an alternative beside effects that explain so much, at which `unknown` is half as likely
+    as ever."""
     return settings.excess_threshold + settings.excess_share * max(explained, 0.0)
 
 

@@ -55,7 +55,8 @@ class VerdictSettings:
     none_prior_log_odds: float = 7.0
     """Prior log odds of `none` against any effect at all. Source: tuned to the rate of false alarms."""
     excess_threshold: float = 12.0
-    """Excess log evidence of the best non-parametric alternative at which `unknown` has even odds. Source: tuned."""
+    """Excess log evidence of the best non-parametric alternative at which `unknown` is half as likely as ever. Source:
+    tuned."""
     excess_share: float = 0.025
     """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
     excess_width: float = 4.0
@@ -66,7 +67,7 @@ class VerdictSettings:
     """Probability that what no form explains is a new form of a known effect, however large the excess. Source: tuned
     to calibrated probabilities."""
     departure_share: float = 0.12
-    """Of the log evidence that departures from forms add, what counts as excess. Source: tuned."""
+    """Of the log evidence that unexpected departures from forms add, what counts as excess. Source: tuned."""
     temperature_share: float = 0.003
     """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
     no basis set is exact. Source: tuned to calibrated probabilities."""

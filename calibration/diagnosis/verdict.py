@@ -53,8 +53,8 @@ def verdict_probabilities(
 ) -> dict[str, float]:
     """The same from the log evidence of each effect alone, of the causes together, and what alternatives have more.
 
-    departure_gain: of the causes' log evidence, what departures from their forms add. A form that has to bend far to
-    fit is as good as an arbitrary function: a share of it counts as excess.
+    departure_gain: of the causes' log evidence, what departures from their forms add that are not expected. A form that
+    has to bend far to fit is as good as an arbitrary function: a share of it counts as excess.
     """
     logs = np.array(list(log_evidence.values()))
     strongest = float(logs.max()) if logs.size else 0.0

@@ -39,7 +39,7 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
 CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
 HEAT_WEIGHT = 0.1  # the same of what grows with the heat of its drive, which few recordings can tell
 MOTION_TIMES_S = geometric_series(90.0, 4000.0, 3)  # of joints and bearings up to whole columns
-ANY_TIME_S = 600.0  # time constant that is stated where several act together
+MEANS_ALONG = (1.0, 0.0, -1.0 / 6.0, 0.0, -0.04)  # over the travel, of the polynomials along a screw
 MOTION_WEIGHT = 0.3  # what grows with the heat of motion, in proportion
 SPEED_M_PER_S, BETWEEN_MOTIONS_S = 0.5, 30.0  # of a typical motion, and between two
 LEAST_TORQUE = 0.05  # over rated torque: where it varies less, friction is as the way and a motor's losses are constant
@@ -185,14 +185,14 @@ def _add_thermal_sets(
         sets.add_set(column, rest, share=0.1, tau_s=tau_s)
         sets.add_set(through(curve_over(following)), weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=tau_s)
     if (mixed := _mixed(inputs, part)) is not None:
-        sets.add_set(through(mixed), weight=CURVE_WEIGHT, tau_s=ANY_TIME_S)
+        sets.add_set(through(mixed), weight=CURVE_WEIGHT)
     for heat, tau in heats:
         sets.add_set(through(curve_over(heat)), weight=HEAT_WEIGHT, size=rises_of_curve(), tau_s=tau)
     left = [through(heat) for heat, _ in motions]
     for column, (_, tau) in zip(left, motions, strict=True):
         sets.add_set(column, rest, share=0.1, weight=MOTION_WEIGHT, tau_s=max(tau, _TAU.low))
     if left:  # by any power of the speed, in any time
-        sets.add_set([c for columns in left for c in columns], weight=MOTION_WEIGHT, tau_s=ANY_TIME_S)
+        sets.add_set([c for columns in left for c in columns], weight=MOTION_WEIGHT)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -275,13 +275,13 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     every, along = [], span * np.column_stack([np.ones_like(u), u, u**2 - 0.5, 0.5 * (u**3 - u), 0.3 * (u**4 - u**2)])
     for heat, tau in _heats_of_motion(inputs, drive, shortest_s=_TAU.low):  # warmest anywhere along the screw
         warmed = sets.add((travel, alpha * heat[:, None] * along))
-        sets.add_set(warmed, weight=MOTION_WEIGHT, tau_s=tau)
+        sets.add_set(warmed, weight=MOTION_WEIGHT, size=MEANS_ALONG, tau_s=tau)
         every += warmed
     if every:  # heated by any power of the speed, in any time
-        sets.add_set(every, weight=MOTION_WEIGHT, tau_s=ANY_TIME_S)
+        sets.add_set(every, weight=MOTION_WEIGHT, size=(len(every) // len(MEANS_ALONG)) * MEANS_ALONG)
     if (mixed := _mixed(inputs, "drives")) is not None:
         ends = [c for end in (0.0, span) for c in sets.add((travel, alpha * mixed * (x - end)[:, None]))]
-        sets.add_set(ends, weight=CURVE_WEIGHT, tau_s=ANY_TIME_S)
+        sets.add_set(ends, weight=CURVE_WEIGHT)
     for course, weight in (*((c, CURVE_WEIGHT) for c in of_any), *((c, HEAT_WEIGHT) for c in by_torque)):
         curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]

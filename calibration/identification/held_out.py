@@ -61,7 +61,7 @@ def _are_held_out(pose: NDArray[np.intp], visit: NDArray[np.intp]) -> NDArray[np
 
 
 def _without_held_out(recording: Recording) -> Recording:
-    """The recording without the calibration readings of every fifth pose."""
+    """The recording without the calibration readings that are held out."""
     calibration = np.asarray(recording["phase"]) == CALIBRATION
     drop = calibration & _are_held_out(recording["pose"].astype(np.intp), recording["visit"].astype(np.intp))
     if np.all(drop[calibration]):

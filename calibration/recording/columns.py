@@ -186,7 +186,7 @@ DRIVE_COLUMNS: tuple[Column, ...] = (
     _number("commanded_m", "Commanded coordinate."),
     _number("actual_m", "Actual coordinate, in command coordinates."),
     _number("following_error_m", "Following error."),
-    _number("velocity_m_per_s", "Velocity."),
+    _number("velocity_m_per_s", "Velocity; below 1 mm/s (1 mrad/s) in each drive a reading is one at rest."),
     _number("torque_ratio", "Torque over rated torque."),
     _number("direction", "Side of the last approach: +1 from below, -1 from above."),
 )

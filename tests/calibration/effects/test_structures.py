@@ -13,7 +13,8 @@ LEAST = 0.98  # of the square of a law
 # Any curve over time explains nearly as much of these in a campaign as short as this one.
 LEAST_OF_SLOW = {
     "column_thermal_growth": 0.999, "screw_thermal_growth": 0.999, "column_thermal_growth__mixture": 1.0 - 1e-8,
-    "refraction__between_parts": 1.0 - 1e-8,
+    "refraction__between_parts": 1.0 - 1e-8, "link_thermal_growth__two_heats": 1.0 - 1e-8,
+    "screw_thermal_growth__two_heats": 1.0 - 1e-8,
 }  # fmt: skip
 
 
@@ -133,6 +134,21 @@ def screw_thermal_growth__bearing(inputs):
     return {"travel.left": faded(inputs, power, 1500.0) * (1.0 - along)}
 
 
+def link_thermal_growth__two_heats(inputs):
+    """A joint by the way, and the strut, slowly, by the number of motions."""
+    by_way = faded(inputs, np.abs(moved_m(inputs, 0)), 90.0)
+    by_number = faded(inputs, (moved_m(inputs, 0) != 0.0).astype(np.float64), 4000.0)
+    return {"length.left_upper": by_way / np.std(by_way) + by_number / np.std(by_number)}
+
+
+def screw_thermal_growth__two_heats(inputs):
+    """The screw along all of it by the way, and its upper end by starting and stopping."""
+    by_way = faded(inputs, np.abs(moved_m(inputs, 0)), 600.0)
+    by_number = faded(inputs, (moved_m(inputs, 0) != 0.0).astype(np.float64), 4000.0)
+    u = inputs.normalised_travel(0)
+    return {"travel.left": u * by_way / np.std(by_way) + (1.0 + u) ** 2 * by_number / np.std(by_number)}
+
+
 def column_thermal_growth__mixture(inputs):
     """Half of it as warm as the air, half as its sensor says, and that late."""
     air, own = (inputs.context.part_temperature_k(sensor, tau) for sensor, tau in (("air", 0.0), ("columns", 2500.0)))
@@ -159,7 +175,8 @@ LAWS = (
     latency, guide_straightness, guide_angular, link_stiffness, joint_clearance, link_thermal_growth,
     column_thermal_growth, screw_thermal_growth, servo_settling, payload, tables_left_on, screw_cumulative_error,
     screw_periodic_error, column_compliance, screw_thermal_growth__bearing, column_thermal_growth__mixture,
-    joint_clearance__friction, refraction__between_parts,
+    joint_clearance__friction, refraction__between_parts, link_thermal_growth__two_heats,
+    screw_thermal_growth__two_heats,
 )  # fmt: skip
 
 

@@ -1,0 +1,1 @@
+"""Forms of the effects, by family."""

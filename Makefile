@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent structures fit-verdict emergent gapbench compare-study fleet bench host-rows faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent other-simulator structures fit-verdict emergent gapbench compare-study fleet bench host-rows faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -141,6 +141,14 @@ withheld: $(VENV)/dev.stamp
 independent: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.independent.run $(if $(DATA),--data $(DATA)) $(if $(N),--n $(N)) \
 		$(if $(GROSS),--gross) $(if $(FINAL),--final)
+
+# The diagnosis on a second simulator of campaigns (docs/explanation/other-simulator.md): makes ARCHIVE=first, second or
+# space in OUT (runs/other-simulator/ARCHIVE), then checks it as `independent`; answers lie beside it. N=10 for the first ten
+# recordings. Stopped, it goes on.
+other-simulator: OUT ?= runs/other-simulator/$(ARCHIVE)
+other-simulator: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.other_simulator --archive "$(ARCHIVE)" --out "$(OUT)" $(if $(N),--n $(N))
+	$(BIN)/python -m benchmarks.independent.run --data "$(OUT)" --out "$(OUT)/answers"
 
 # The diagnosis on structures without a named formula (docs/explanation/structures.md): N cases (100), SEED (1). Stopped, it
 # goes on; a larger N adds cases.

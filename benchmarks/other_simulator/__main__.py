@@ -17,6 +17,7 @@ import time
 from collections.abc import Sequence
 from concurrent.futures import as_completed
 from pathlib import Path
+from typing import NoReturn
 
 from benchmarks.independent.pack import pack
 from benchmarks.other_simulator.archives import Case, cases_of
@@ -30,18 +31,22 @@ from tests.kept_results import until_stopped
 CODE = "benchmarks/other_simulator"
 
 
+class BadInput(ValueError):
+    """What was given is of no use; one line."""
+
+
 def main(arguments: list[str] | None = None) -> int:
     """Make what is missing, then pack."""
     try:
         options = _options(arguments)
         cases = cases_of(options.archive)
-        if not 0 <= options.n <= len(cases):
-            raise argparse.ArgumentTypeError(f"--n must be 0 to {len(cases)}, for all of archive {options.archive}")
-        chosen = cases[: options.n or None]
+        if options.n > len(cases):
+            raise BadInput(f"--n {options.n}: archive {options.archive} has {len(cases)} recordings")
+        chosen = cases[: options.n or None]  # they are mixed: the first ones are a fair sample
         folder = options.out / "cases" / f"{options.archive}-{code_digest(CODE)}"
         make_all(chosen, folder, options.processes)
         print(pack(folder, options.out, [case.name for case in chosen]))
-    except (argparse.ArgumentError, argparse.ArgumentTypeError, NoRecording, OSError) as error:
+    except (BadInput, NoRecording, OSError) as error:
         print(f"other_simulator: {error}", file=sys.stderr)
         return 2
     return 0
@@ -64,13 +69,23 @@ def make_all(chosen: Sequence[Case], folder: Path, processes: int) -> None:
             )  # fmt: skip
 
 
+class _Parser(argparse.ArgumentParser):
+    """Says what is wrong in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        raise BadInput(message)
+
+
 def _options(arguments: list[str] | None) -> argparse.Namespace:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--archive", required=True, help=", ".join(ARCHIVES))
+    parser = _Parser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--archive", required=True, choices=ARCHIVES)
     parser.add_argument("--out", type=Path, required=True, help="folder of the archive")
     parser.add_argument("--n", type=int, default=0, help="so many recordings only, for a first look")
     parser.add_argument("--processes", type=int, default=1, help="recordings made side by side")
-    return parser.parse_args(arguments)
+    options = parser.parse_args(arguments)
+    if options.n < 0 or options.processes < 1:
+        parser.error("--n must not be negative, --processes not below 1")
+    return options
 
 
 if __name__ == "__main__":

@@ -100,5 +100,5 @@ def with_outliers(seen_m: Array, rng: np.random.Generator) -> Array:
     hit = rng.choice(count, max(1, round(OUTLIERS * count)), replace=False)
     direction = rng.normal(size=(len(hit), 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    out[hit] += direction * np.exp(rng.uniform(*np.log(OUTLIER_M), len(hit)))[:, None]
+    out[hit] += direction * np.exp(rng.uniform(np.log(OUTLIER_M[0]), np.log(OUTLIER_M[1]), len(hit)))[:, None]
     return out

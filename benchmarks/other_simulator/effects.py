@@ -81,7 +81,8 @@ def bring_to_size(rig: Rig, sizes: Sizes, effect: Effect, wanted: float) -> tupl
 
 def size_of(rig: Rig, sizes: Sizes, effect: Effect, amplitude: float) -> Size | None:
     """Sizes of an effect by itself; None if the machine does not find its balance."""
-    seen, _ = rig.simulate(effect.sized(amplitude))
+    with np.errstate(over="ignore", invalid="ignore"):  # of a machine that falls apart
+        seen, _ = rig.simulate(effect.sized(amplitude))
     if not np.isfinite(seen).all():
         return None
     return sizes.of(seen - rig.scene.sights_m, effect.reflector, effect.share_shown)

@@ -61,12 +61,12 @@ def draw_tables(machine: Machine, rng: np.random.Generator) -> list[KnownTable]:
     for generation in range(1, int(rng.integers(2, 4))):
         with_partner = rng.random() < 0.5
         for drive in range(len(machine.drives)):
-            own_m = np.round(np.linspace(*machine.travel_m[drive], int(rng.integers(6, 11))), 4)
+            own_m = _nodes(machine, drive, int(rng.integers(6, 11)))
             x, c, y = np.linspace(-1, 1, len(own_m)), rng.normal(size=4), np.zeros(1)
             partner, partner_m = None, np.zeros(0)
             if with_partner:
                 partner = (drive + 1) % len(machine.drives)
-                partner_m = np.round(np.linspace(*machine.travel_m[partner], int(rng.integers(3, 6))), 4)
+                partner_m = _nodes(machine, partner, int(rng.integers(3, 6)))
                 y = np.linspace(-1, 1, len(partner_m))
             own, other = np.meshgrid(x, y, indexing="ij")
             values = (
@@ -95,6 +95,11 @@ def corrections_of(tables: Sequence[KnownTable], rows: Rows) -> Array:
     for table in tables:
         out[:, table.drive] += table.at(rows)
     return out
+
+
+def _nodes(machine: Machine, drive: int, count: int) -> Array:
+    low, high = machine.travel_m[drive]
+    return np.round(np.linspace(float(low), float(high), count), 4)
 
 
 def _between(nodes: Array, x: Array) -> tuple[NDArray[np.intp], Array]:

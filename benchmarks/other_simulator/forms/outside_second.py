@@ -62,7 +62,7 @@ def payload_swings(scene: Scene, place: int, rng: Generator) -> Contribution:
 def spindle_warms_platform(scene: Scene, place: int, rng: Generator) -> Contribution:
     """A spindle in the middle of the platform warms it, on and off."""
     rows = scene.rows
-    on = (np.sin(2 * np.pi * rows.hours / rng.uniform(0.8, 1.6) + draw_phase(rng)) > 0) * 1.0
+    on = (np.sin(2 * np.pi * rows.hours / rng.uniform(0.8, 1.6) + draw_phase(rng)) > 0).astype(float)
     warmth = normalised(lagging(rows.t_s, on, 500.0))
     near = np.exp(-((np.linalg.norm(scene.reflectors_m, axis=1) / 0.25) ** 2))
     shift = with_platform(scene, 5 * scene.reflectors_m * near[:, None])
@@ -88,7 +88,7 @@ def miscounts_by_interference(scene: Scene, place: int, rng: Generator) -> Contr
     drives_m = np.zeros_like(scene.rows.drives_m)
     visits = scene.rows.visit.max() + 1
     drive = rng.integers(drives_m.shape[1])
-    missed = (rng.random(visits) < 0.09) * rng.choice([-1, 1], visits) * 1.0
+    missed = (rng.random(visits) < 0.09) * rng.choice([-1, 1], visits)
     drives_m[:, drive] = missed[scene.rows.visit]
     return Contribution(drives_m=drives_m)
 
@@ -102,7 +102,7 @@ def lorries_bend_floor(scene: Scene, place: int, rng: Generator) -> Contribution
         begin = logistic((t_s - passing) / 3)
         bent += begin * np.exp(-np.maximum(t_s - passing, 0) / rng.uniform(200, 500)) * rng.uniform(0.4, 1)
     shift = np.stack([bent * points[:, 1], -0.5 * bent * points[:, 0] ** 2, 0.3 * bent], 1)
-    return Contribution(points_m=shift * scene.rows.off_floor[:, None] * 1.0)
+    return Contribution(points_m=shift * scene.rows.off_floor[:, None])
 
 
 @form()

@@ -71,7 +71,7 @@ def _coefficients(name: str, first: str, *others: str) -> Form:
 @form(MASS_KG)
 def mass_wrong(scene: Scene, place: int, rng: Generator) -> Contribution:
     """Every payload is heavier."""
-    return Contribution(payload_kg=(scene.rows.payload > 0) * 1.0)
+    return Contribution(payload_kg=(scene.rows.payload > 0).astype(float))
 
 
 @form(OFF_M)
@@ -93,7 +93,7 @@ def forgotten_tool_from_a_time(scene: Scene, place: int, rng: Generator) -> Cont
 def one_payload_of_several(scene: Scene, place: int, rng: Generator) -> Contribution:
     """One payload is heavier."""
     payload = scene.rows.payload
-    return Contribution(payload_kg=(payload == payload.max()) * (payload > 0) * 1.0)
+    return Contribution(payload_kg=((payload == payload.max()) & (payload > 0)).astype(float))
 
 
 @form(MASS_KG)
@@ -101,7 +101,7 @@ def mass_and_centre(scene: Scene, place: int, rng: Generator) -> Contribution:
     """Every payload is heavier and hangs 3 mm to one side for each kilogram of it."""
     carried = scene.rows.payload > 0
     aside = level_direction(scene.machine) * draw_sign(rng) * 0.003
-    return Contribution(payload_kg=carried * 1.0, payload_centre_m=np.outer(carried, aside))
+    return Contribution(payload_kg=carried.astype(float), payload_centre_m=np.outer(carried, aside))
 
 
 @form(TABLE_M)
@@ -136,7 +136,7 @@ def switched_on_by_a_restart(scene: Scene, place: int, rng: Generator) -> Contri
 def on_until_noticed(scene: Scene, place: int, rng: Generator) -> Contribution:
     """The first tables are on until a moment."""
     step_s = draw_instant(scene.rows, rng)
-    on = (scene.rows.t_s < step_s)[:, None] * 1.0
+    on = (scene.rows.t_s < step_s)[:, None]
     return Contribution(drives_m=corrections_of(oldest(scene.tables), scene.rows) * on, step_s=step_s)
 
 

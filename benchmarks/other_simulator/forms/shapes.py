@@ -66,12 +66,12 @@ def draw_direction(rng: np.random.Generator) -> Array:
 
 def since(rows: Rows, step_s: float) -> Array:
     """0 before a step, 1 after (r,)."""
-    return (rows.t_s > step_s) * 1.0
+    return (rows.t_s > step_s).astype(float)
 
 
 def within(rows: Rows, begin: float, end: float) -> Array:
     """1 between two shares of the campaign, else 0 (r,)."""
-    return ((rows.elapsed > begin) & (rows.elapsed < end)) * 1.0
+    return ((rows.elapsed > begin) & (rows.elapsed < end)).astype(float)
 
 
 def warming_up(rows: Rows, tau_h: float) -> Array:

@@ -1,8 +1,11 @@
-"""Forms of effects of struts: heat, softness, play. Under load, a strut's tension is of the state that results."""
+"""Forms of effects of struts: heat, softness, play."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks.other_simulator.courses import lagging
 from benchmarks.other_simulator.departures import Contribution
@@ -10,10 +13,12 @@ from benchmarks.other_simulator.forms.form import Form, form
 from benchmarks.other_simulator.forms.shapes import draw_instant, draw_sign, normalised, since, warming_up, within
 from benchmarks.other_simulator.scene import Scene
 
+Array = NDArray[np.float64]
+Generator = np.random.Generator
+
 GROWTH_M = 8e-5
 SOFTENING, SOFTENING_INCLINED = 2.6, 3.5  # of the logarithm of the stiffness
-YIELDING, YIELDING_WITH_LOAD = 30, 60  # fifths of the strut's own stretch
-Generator = np.random.Generator
+YIELDING, YIELDING_WITH_LOAD = 30, 60  # fifths of the strut's own stretch, by the form's own law
 
 
 @form(GROWTH_M)
@@ -64,23 +69,16 @@ def softer_by_factor(scene: Scene, strut: int, rng: Generator) -> Contribution:
 def soft_in_tension(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Softer when it is pulled."""
     stiffness = scene.stiffness_n_per_m[strut]
-    return Contribution(
-        under_load=lambda state, amplitude: Contribution(
-            strut_m=amplitude * np.maximum(state.tension_n[:, strut], 0) / stiffness * 0.2
-        )
-    )
+    return _lengthened(strut, lambda tension, amplitude: amplitude * np.maximum(tension, 0) / stiffness * 0.2)
 
 
 @form(YIELDING_WITH_LOAD)
 def yields_more_with_load(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Softer the more it holds."""
     stiffness, largest_n = scene.stiffness_n_per_m[strut], np.abs(scene.calm.tension_n[:, strut]).max()
-    return Contribution(
-        under_load=lambda state, amplitude: Contribution(
-            strut_m=amplitude * 0.2 * state.tension_n[:, strut] / stiffness
-            * np.abs(state.tension_n[:, strut]) / largest_n
-        )
-    )  # fmt: skip
+    return _lengthened(
+        strut, lambda tension, amplitude: amplitude * 0.2 * tension / stiffness * np.abs(tension) / largest_n
+    )
 
 
 @form(SOFTENING)
@@ -102,22 +100,14 @@ def softer_when_inclined(scene: Scene, strut: int, rng: Generator) -> Contributi
 def switches_with_force(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Play that lies on the side of the force."""
     even_n = rng.uniform(10, 60)
-    return Contribution(
-        under_load=lambda state, amplitude: Contribution(
-            strut_m=amplitude * 0.5 * np.tanh(state.tension_n[:, strut] / even_n)
-        )
-    )
+    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.tanh(tension / even_n))
 
 
 @form()
 def floats_at_small_force(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Play that a force has to press through."""
     through_n = rng.uniform(100, 400)
-    return Contribution(
-        under_load=lambda state, amplitude: Contribution(
-            strut_m=amplitude * 0.5 * np.clip(state.tension_n[:, strut] / through_n, -1, 1)
-        )
-    )
+    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.clip(tension / through_n, -1, 1))
 
 
 @form()
@@ -125,23 +115,15 @@ def rests_on_side_of_motion(scene: Scene, strut: int, rng: Generator) -> Contrib
     """Play that friction leaves on the side of the last motion where the force is small."""
     even_n = rng.uniform(50, 200)
     friction_n = rng.uniform(0.8, 2) * even_n
-    side = scene.rows.side[:, int(scene.machine.drive_of_strut[strut])]
-    return Contribution(
-        under_load=lambda state, amplitude: Contribution(
-            strut_m=amplitude * 0.5 * np.tanh((state.tension_n[:, strut] + friction_n * side) / even_n)
-        )
-    )
+    held_n = friction_n * scene.rows.side[:, int(scene.machine.drive_of_strut[strut])]
+    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.tanh((tension + held_n) / even_n))
 
 
 @form()
 def wears_open(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Play that grows in the campaign."""
     even_n, width = rng.uniform(20, 80), 0.2 + 0.8 * scene.rows.elapsed
-    return Contribution(
-        under_load=lambda state, amplitude: Contribution(
-            strut_m=amplitude * 0.5 * width * np.tanh(state.tension_n[:, strut] / even_n)
-        )
-    )
+    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * width * np.tanh(tension / even_n))
 
 
 @form()
@@ -149,15 +131,19 @@ def two_joints_one_after_other(scene: Scene, strut: int, rng: Generator) -> Cont
     """Two plays, of which the second takes a force."""
     even_n = rng.uniform(20, 60)
     second_n = rng.uniform(100, 400)
+
+    def law(tension: Array, amplitude: float) -> Array:
+        first, second = np.tanh(tension / even_n), np.tanh((tension - second_n) / even_n)
+        return np.asarray(amplitude * 0.5 * (0.5 * first + 0.5 * second))
+
+    return _lengthened(strut, law)
+
+
+def _lengthened(strut: int, law: Callable[[Array, float], Array]) -> Contribution:
+    """A strut that is longer by a law of its own tension (r,) and the amplitude."""
     return Contribution(
-        under_load=lambda state, amplitude: Contribution(
-            strut_m=amplitude * 0.5
-            * (
-                0.5 * np.tanh(state.tension_n[:, strut] / even_n)
-                + 0.5 * np.tanh((state.tension_n[:, strut] - second_n) / even_n)
-            )
-        )
-    )  # fmt: skip
+        under_load=lambda state, amplitude: Contribution(strut_m=law(state.tension_n[:, strut], amplitude))
+    )
 
 
 FORMS: dict[str, tuple[Form, ...]] = {

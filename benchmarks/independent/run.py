@@ -1,13 +1,13 @@
 """Checks the diagnosis on recordings of another simulator: one table (docs/explanation/independent.md).
 
-    python -m benchmarks.independent.run [--data FOLDER] [--n N] [--jobs 1] [--gross] [--fresh] [--final]
+    python -m benchmarks.independent.run [--data FOLDER] [--n N] [--jobs 1] [--gross] [--fresh] [--totals] [--final]
 
 Reads the even-numbered recordings of FOLDER/recordings.tar.xz (else of INDEPENDENT_RECORDINGS, else of
 ../shared/independent beside the checkout) and says which are misjudged. Answers lie in runs/independent, one folder for
 each state of the code that they depend on; stopped at any time, the same command goes on. --final scores the odd ones
 instead, without saying which: at most five times, each a line in log.jsonl. --gross diagnoses again what was sure, with
-gross readings planted (a final run always does). Exit status 1 if a goal is missed, 2 if
-there are no recordings or a process failed, 130 if interrupted.
+gross readings planted (a final run always does). --totals says nothing of a single recording, for those that are only
+to be scored. Exit status 1 if a goal is missed, 2 if there are no recordings or a process failed, 130 if interrupted.
 """
 
 from __future__ import annotations
@@ -73,11 +73,12 @@ def _run(options: argparse.Namespace, archive: Path) -> int:
         if row["key"] in held:
             row["held_against_gross"] = held[row["key"]]
     data = figures(rows)
-    if final_run is not None:
+    if final_run is not None or options.totals:
         data = without_cases(data)
+    if final_run is not None:
         final_runs.append(final_run, _digest_of_answers(answers), _for_log(data))
     print(printed(data))
-    if final_run is None:  # of odd recordings nothing is shown or written that belongs to a single one
+    if final_run is None and not options.totals:  # else nothing is shown or written that belongs to a single recording
         print("", "misjudged:", *(misjudged(rows) or ["none"]), sep="\n")
         (out / "results.json").write_text(json.dumps(finite(data | {"rows": rows}), indent=1) + "\n", encoding="utf-8")
         print(f"details: {out / 'results.json'}", file=sys.stderr)
@@ -223,6 +224,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         "--gross", action="store_true", help="diagnose again what was sure, with gross readings planted"
     )
     parser.add_argument("--fresh", action="store_true", help="forget the answers that this code has given")
+    parser.add_argument("--totals", action="store_true", help="say nothing of a single recording")
     parser.add_argument("--final", action="store_true", help="score all odd recordings and log it; at most five times")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")
     parser.add_argument(

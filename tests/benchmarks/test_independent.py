@@ -212,6 +212,14 @@ def test_a_run_reads_the_even_half_goes_on_and_begins_anew_with_other_code(
     assert not (tmp_path / "log").exists()
 
 
+def test_totals_tell_of_no_single_recording(tmp_path, spoiled, asked, capsys):
+    assert run.main(arguments(tmp_path, "--totals")) == 1
+    shown = capsys.readouterr()
+    assert "visible single effects named right" in shown.out
+    assert "rec00" not in shown.out + shown.err
+    assert not list((tmp_path / "out").rglob("results.json"))
+
+
 def test_a_final_run_scores_the_odd_half_and_tells_of_no_single_recording(tmp_path, asked, capsys):
     archive_in(tmp_path / "data", {"rec001": entry("single", effect("latency")), "rec002": "spoiled"})
     assert run.main(arguments(tmp_path, "--final")) == 1

@@ -41,7 +41,8 @@ def paths_in_code(page: Path) -> Iterator[str]:
     for code in CODE.findall(text_of(page)):
         yield from PATH.findall(code)
     for module in MODULE.findall((ROOT / page).read_text(encoding="utf-8")):
-        yield f"{module.replace('.', '/')}.py"
+        path = module.replace(".", "/")
+        yield f"{path}/__main__.py" if (ROOT / path).is_dir() else f"{path}.py"
 
 
 def anchors(page: Path) -> set[str]:

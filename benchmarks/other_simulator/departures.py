@@ -84,6 +84,10 @@ class Departures:
     def none(cls, machine: Machine, readings: int) -> Departures:
         """Nothing departs."""
         drives, struts = len(machine.drives), len(machine.struts)
+
+        def vectors() -> Array:
+            return np.zeros((readings, 3))
+
         return cls(
             drives_m=np.zeros((readings, drives)),
             carriages_m=np.zeros((readings, drives, 3)),
@@ -91,10 +95,15 @@ class Departures:
             struts_m=np.zeros((readings, struts)),
             ln_stiffnesses=np.zeros((readings, struts)),
             joints_m=np.zeros((readings, struts, 3)),
+            points_m=vectors(),
+            station_m=vectors(),
+            station_rad=vectors(),
+            sights_m=vectors(),
+            force_n=vectors(),
+            moment_nm=vectors(),
             payload_kg=np.zeros(readings),
+            payload_centre_m=vectors(),
             expansion_per_k=dict.fromkeys(GROUPS, 0.0),
-            **{name: np.zeros((readings, 3)) for name in ANYWHERE[3:9]},
-            payload_centre_m=np.zeros((readings, 3)),
         )
 
     def copy(self) -> Departures:

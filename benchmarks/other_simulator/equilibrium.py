@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +21,21 @@ CLOSE_M = 1e-10
 LEG_WEIGHT_N, CARRIAGE_KG = 60.0, 45.0
 
 
+@dataclass(frozen=True)
+class _Parts:
+    """The machine's parts at r readings, as warm and as displaced as they are, in the machine frame."""
+
+    growth: dict[str, Array]  # (r,), factor of lengths by group
+    travel: Array  # (r, d)
+    axes: Array  # (d, 3)
+    lengths: Array  # (r, s)
+    stiffness: Array  # (r, s)
+    joints: Array  # (r, s, 3), of the platform, in its frame
+    bases: Array  # (r, s, 3), at zero travel
+    centres: Array  # (r, d, 3), of the bases of each drive
+    ends: Array  # (r, s, 3), of the struts, away from the platform
+
+
 def hang(
     machine: Machine, geometry: Geometry, conditions: Conditions, departures: Departures,
     start: Poses | None = None, rounds: int = NEWTON_ROUNDS,
@@ -28,6 +44,36 @@ def hang(
 
     The struts' pull does not enter the stiffness by which it steps: it converges less fast, to the same poses.
     """
+    parts = _parts(machine, geometry, conditions, departures)
+    payload = conditions.payload_kg + departures.payload_kg
+    payload_centre = conditions.payload_centre_m + departures.payload_centre_m
+    own_weight = machine.moving_mass_kg * machine.gravity_m_per_s2
+    payload_weight = payload[:, None] * machine.gravity_m_per_s2
+    force = own_weight + payload_weight + departures.force_n
+    positions, rotations = start if start is not None else (conditions.positions_m, conditions.rotations)
+    for _ in range(rounds):
+        arms = np.einsum("rij,rsj->rsi", rotations, parts.joints)
+        ways = positions[:, None] + arms - parts.ends
+        distances = np.linalg.norm(ways, axis=2)
+        directions = ways / distances[..., None]
+        tension = parts.stiffness * (distances - parts.lengths)
+        jacobian = np.concatenate([directions, np.cross(arms, directions)], 2)[:, :, machine.free]
+        own_lever = np.einsum("rij,j->ri", rotations, machine.centre_of_mass_m)
+        payload_lever = np.einsum("rij,rj->ri", rotations, payload_centre)
+        moment = np.cross(own_lever, own_weight) + np.cross(payload_lever, payload_weight) + departures.moment_nm
+        pull = np.einsum("rs,rsd->rd", tension, jacobian)
+        unbalanced = pull - np.concatenate([force, moment], 1)[:, machine.free]
+        matrix = np.einsum("rsd,rs,rse->rde", jacobian, parts.stiffness, jacobian)
+        step = np.zeros((len(positions), 6))
+        step[:, machine.free] = -np.linalg.solve(matrix, unbalanced[..., None])[..., 0]
+        positions = positions + step[:, :3]
+        rotations = rotations_of(step[:, 3:]) @ rotations
+        if np.abs(step[:, :3]).max() < CLOSE_M:
+            break
+    return _equilibrium(machine, parts, (positions, rotations), tension, directions)
+
+
+def _parts(machine: Machine, geometry: Geometry, conditions: Conditions, departures: Departures) -> _Parts:
     of_strut = machine.drive_of_strut
     growth = {
         group: 1 + (per_k + departures.expansion_per_k[group]) * (conditions.part_c[group] - machine.reference_c)
@@ -35,63 +81,46 @@ def hang(
     }
     travel = conditions.drives_m * geometry.drive_scale * growth["drives"][:, None] + departures.drives_m
     lengths = geometry.strut_length_m * (growth["struts"][:, None] + conditions.strut_strain) + departures.struts_m
-    joints = geometry.platform_joint_m * growth["platform"][:, None, None] + departures.joints_m
     bases = geometry.base_joint_m * growth["base"][:, None, None]
-    axes = _tilted_axes(machine, geometry)
     centres = np.stack([bases[:, of_strut == drive].mean(1) for drive in range(len(machine.drives))], 1)
-    carried = 0.0 if machine.legs else (travel[:, :, None] * axes)[:, of_strut]
-    ends = (
-        bases + carried + departures.carriages_m[:, of_strut]
-        + np.cross(departures.carriages_rad[:, of_strut], bases - centres[:, of_strut])
-    )  # fmt: skip
+    axes = _tilted_axes(machine, geometry)
+    ends = bases
     if machine.legs:
         lengths = lengths + travel[:, of_strut]
-    stiffness = np.exp(geometry.ln_stiffness + departures.ln_stiffnesses)
-    payload = conditions.payload_kg + departures.payload_kg
-    payload_centre = conditions.payload_centre_m + departures.payload_centre_m
-    own_weight, payload_weight = (
-        machine.moving_mass_kg * machine.gravity_m_per_s2, payload[:, None] * machine.gravity_m_per_s2
-    )  # fmt: skip
-    force = own_weight + payload_weight + departures.force_n
-    positions, rotations = start if start is not None else (conditions.positions_m, conditions.rotations)
-    for _ in range(rounds):
-        arms = np.einsum("rij,rsj->rsi", rotations, joints)
-        ways = positions[:, None] + arms - ends
-        distances = np.linalg.norm(ways, axis=2)
-        stretch = distances - lengths
-        directions = ways / distances[..., None]
-        jacobian = np.concatenate([directions, np.cross(arms, directions)], 2)[:, :, machine.free]
-        own_lever = np.einsum("rij,j->ri", rotations, machine.centre_of_mass_m)
-        payload_lever = np.einsum("rij,rj->ri", rotations, payload_centre)
-        moment = np.cross(own_lever, own_weight) + np.cross(payload_lever, payload_weight) + departures.moment_nm
-        unbalanced = (
-            np.einsum("rs,rsd->rd", stiffness * stretch, jacobian)
-            - np.concatenate([force, moment], 1)[:, machine.free]
-        )  # fmt: skip
-        matrix = np.einsum("rsd,rs,rse->rde", jacobian, stiffness, jacobian)
-        step = np.zeros((len(positions), 6))
-        step[:, machine.free] = -np.linalg.solve(matrix, unbalanced[..., None])[..., 0]
-        positions = positions + step[:, :3]
-        rotations = rotations_of(step[:, 3:]) @ rotations
-        if np.abs(step[:, :3]).max() < CLOSE_M:
-            break
-    tension = stiffness * stretch
-    on_carriage, turning = np.zeros_like(centres), np.zeros_like(centres)
-    for strut, drive in enumerate(of_strut):
+    else:
+        ends = bases + (travel[:, :, None] * axes)[:, of_strut]
+    turned = np.cross(departures.carriages_rad[:, of_strut], bases - centres[:, of_strut])
+    return _Parts(
+        growth=growth,
+        travel=travel,
+        axes=axes,
+        lengths=lengths,
+        stiffness=np.exp(geometry.ln_stiffness + departures.ln_stiffnesses),
+        joints=geometry.platform_joint_m * growth["platform"][:, None, None] + departures.joints_m,
+        bases=bases,
+        centres=centres,
+        ends=ends + departures.carriages_m[:, of_strut] + turned,
+    )
+
+
+def _equilibrium(machine: Machine, parts: _Parts, poses: Poses, tension: Array, directions: Array) -> Equilibrium:
+    """With what the struts do to the carriages."""
+    forces, moments = np.zeros_like(parts.centres), np.zeros_like(parts.centres)
+    for strut, drive in enumerate(machine.drive_of_strut):
         pull = tension[:, strut, None] * directions[:, strut]
-        on_carriage[:, drive] += pull
-        turning[:, drive] += np.cross(bases[:, strut] - centres[:, drive], pull)
+        forces[:, drive] += pull
+        moments[:, drive] += np.cross(parts.bases[:, strut] - parts.centres[:, drive], pull)
     return Equilibrium(
-        positions_m=positions,
-        rotations=rotations,
+        positions_m=poses[0],
+        rotations=poses[1],
         tension_n=tension,
         directions=directions,
-        carriage_force_n=on_carriage,
-        carriage_moment_nm=turning,
-        travel_m=travel,
-        axes=axes,
-        centres_m=centres,
-        growth=growth,
+        carriage_force_n=forces,
+        carriage_moment_nm=moments,
+        travel_m=parts.travel,
+        axes=parts.axes,
+        centres_m=parts.centres,
+        growth=parts.growth,
     )
 
 

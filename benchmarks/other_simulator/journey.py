@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,28 +75,27 @@ class Journey:
         between_nests_s = rng.uniform(30, 60) * 60
         self._t_s = float(rng.uniform(20, 400))
         self._two_faces = bool(rng.random() < 0.3)
-        self._check_nests(int(payload[0]))
-        last = 0
-        for last, visit in enumerate(visits):
-            carried = int(payload[last])
-            if last and carried != payload[last - 1]:
+        carried = int(payload[0])
+        self._check_nests(carried)
+        for visit, wanted, rest_s, idle in zip(visits, payload, pause_s, idling, strict=True):
+            if wanted != carried:
                 self._t_s += rng.uniform(300, 900)
                 self.reseats_s.append(self._t_s)
             elif rng.random() < 0.012:  # a break
                 self._t_s += rng.uniform(300, 1200)
+            carried = int(wanted)
             if self._t_s - self._last_nests_s > between_nests_s:
                 self._check_nests(carried)
             self._visit += 1
-            self._t_s += pause_s[last]
-            drives = len(self._machine.drives)
-            self._way_m = self._way_m + idling[last] * pause_s[last] * 0.25 * rng.uniform(0.5, 1, drives)
+            self._t_s += rest_s
+            self._way_m = self._way_m + idle * rest_s * 0.25 * rng.uniform(0.5, 1, len(self._way_m))
             if visit.on_the_fly:
                 self._fly_past(visit, carried)
                 continue
             self._rest_at(visit, carried)
             if len(self.readings) > MOST_READINGS:
                 break
-        self._check_nests(int(payload[last]))
+        self._check_nests(carried)
 
     def _draw_idling(self, count: int) -> Array:
         """How much the drives move in the pauses (v,): they make heat in some stretches of the campaign."""
@@ -122,10 +121,9 @@ class Journey:
         self._pose, self._drives_m = self._home, drives_m
         for _ in range(int(self._rng.integers(1, 3))):
             for nest in self._nests:
-                self._read(
-                    phase=NESTS, smr=int(nest), dwell_s=self._t_s - arrived_s, speed_m_per_s=HOMING_M_PER_S,
-                    payload=payload, approach_m=approach, face=self._draw_face(),
-                )  # fmt: skip
+                rested_s = self._t_s - arrived_s
+                reading = self._reading(NESTS, int(nest), payload, rested_s, HOMING_M_PER_S, approach)
+                self.readings.append(replace(reading, face=self._draw_face()))
                 self._t_s += self._rng.uniform(4, 6)
         self._last_nests_s = self._t_s
 
@@ -154,10 +152,13 @@ class Journey:
         ahead, behind = (self._drives_at(self._pose + (share + sign * step) * way) for sign in (1, -1))
         velocity = (ahead - behind) / (2 * step) / duration_s
         self._t_s += 2 + share * duration_s
-        self._read(
-            phase=CALIBRATION, smr=choose(), dwell_s=0.0, speed_m_per_s=speed, payload=payload, face=1,
-            approach_m=np.abs(middle_m - begin), moving=True, pose=middle, drives_m=middle_m, velocity=velocity,
-            side=np.sign(velocity), way_m=self._way_m + np.abs(middle_m - begin),
+        done = np.abs(middle_m - begin)
+        reading = self._reading(CALIBRATION, choose(), payload, 0.0, speed, done)
+        self.readings.append(
+            replace(
+                reading, moving=True, pose=middle, drives_m=middle_m, velocity_m_per_s=velocity,
+                side=np.sign(velocity), way_m=self._way_m + done,
+            )
         )  # fmt: skip
         self._t_s += (1 - share) * duration_s + 1
         self._side, self._pose, self._drives_m = np.sign(velocity), pose, drives_m
@@ -185,10 +186,9 @@ class Journey:
         self._pose, self._drives_m = pose, drives_m
         run = self._runs[visit.number] = self._runs.get(visit.number, -1) + 1
         for smr in self._draw_reflectors():
-            self._read(
-                phase=CALIBRATION, smr=smr, pose_number=visit.number, run=run, dwell_s=self._t_s - arrived_s,
-                speed_m_per_s=visit.speed_m_per_s, payload=payload, approach_m=approach, face=self._draw_face(),
-            )  # fmt: skip
+            rested_s = self._t_s - arrived_s
+            reading = self._reading(CALIBRATION, smr, payload, rested_s, visit.speed_m_per_s, approach)
+            self.readings.append(replace(reading, pose_number=visit.number, run=run, face=self._draw_face()))
             self._t_s += rng.uniform(2.2, 5.0) if randomised else rng.uniform(3.2, 5.5)
 
     def _draw_reflectors(self) -> list[int]:
@@ -217,20 +217,13 @@ class Journey:
     def _drives_at(self, pose: Array) -> Array:
         return self._machine.drives_at(pose[None, :3], rotations_of(pose[None, 3:]))[0]
 
-    def _read(
-        self, *, phase: str, smr: int, dwell_s: float, speed_m_per_s: float, payload: int, approach_m: Array, face: int,
-        pose_number: int = -1, run: int = 0, moving: bool = False, pose: Array | None = None,
-        drives_m: Array | None = None, velocity: Array | None = None, side: Array | None = None,
-        way_m: Array | None = None,
-    ) -> None:  # fmt: skip
-        """Read now; what is not given of the machine is as it stands."""
-        self.readings.append(
-            Reading(
-                phase=phase, smr=smr, visit=self._visit, pose_number=pose_number, run=run, nest_check=self._nest_check,
-                t_s=self._t_s, dwell_s=dwell_s, pose=self._pose if pose is None else pose,
-                drives_m=self._drives_m if drives_m is None else drives_m,
-                velocity_m_per_s=self._still if velocity is None else velocity, speed_m_per_s=speed_m_per_s,
-                side=self._side if side is None else side, payload=payload,
-                way_m=self._way_m if way_m is None else way_m, approach_m=approach_m, moving=moving, face=face,
-            )
+    def _reading(
+        self, phase: str, smr: int, payload: int, dwell_s: float, speed_m_per_s: float, approach_m: Array
+    ) -> Reading:
+        """A reading now, of the machine as it stands."""
+        return Reading(
+            phase=phase, smr=smr, visit=self._visit, pose_number=-1, run=0, nest_check=self._nest_check,
+            t_s=self._t_s, dwell_s=dwell_s, pose=self._pose, drives_m=self._drives_m, velocity_m_per_s=self._still,
+            speed_m_per_s=speed_m_per_s, side=self._side, payload=payload, way_m=self._way_m, approach_m=approach_m,
+            moving=False, face=1,
         )  # fmt: skip

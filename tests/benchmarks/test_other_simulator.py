@@ -21,10 +21,11 @@ from benchmarks.other_simulator.rig import draw_rig
 from benchmarks.other_simulator.sizes import Sizes
 from calibration.recording.folder import read_folder
 
-# Of the recording that archive `first` begins with, as it was first made.
-FIRST_AND_LAST_M = [
-    [-1.0728456520174756, 3.5388956617003187, -1.191442981755729],
-    [1.012575667939956, 3.26554909614843, -0.9441008145223029],
+# Standard deviation, raw and visible size: play of a strut, a column that gives way, a strut that softens.
+AS_FIRST_MADE = [
+    ("first", "rec098", 9.51403653722235e-06, 3.073057909135659, 1.3801774312550283),
+    ("second", "rec378", 7.2059803968860555e-06, 3.365902770396442, 1.3036257198109242),
+    ("space", "rec602", 9.6136233162678e-06, 2.4388956485047557, 1.7035098120649415),
 ]
 
 
@@ -68,11 +69,13 @@ def test_a_recording_is_the_same_each_time_and_in_the_format(tmp_path, base):
     assert json.loads((one / "entry.json").read_text())["effects"] == []
 
 
-def test_draws_are_those_that_archives_were_made_of(tmp_path):
-    case = cases_of("first")[0]
+@pytest.mark.parametrize(("archive", "name", "sigma_m", "raw", "visible"), AS_FIRST_MADE)
+def test_draws_are_those_that_archives_were_made_of(tmp_path, archive, name, sigma_m, raw, visible):
+    (case,) = (case for case in cases_of(archive) if case.name == name)
     make_case(case, tmp_path)
-    recording = read_folder(tmp_path / case.name)
-    assert recording.positions_m[[0, -1]] == pytest.approx(np.array(FIRST_AND_LAST_M), abs=1e-10)
+    entry = json.loads((tmp_path / name / "entry.json").read_text())
+    (effect,) = entry["effects"]
+    assert (entry["sigma_m"], effect["raw_sigma"], effect["visible_sigma"]) == pytest.approx((sigma_m, raw, visible))
 
 
 # --- physics

@@ -34,26 +34,26 @@ def _draw_name(kind: str, rng: np.random.Generator) -> str:
     return f"{kind}_" + "".join(rng.choice(list("abcdefgh"), 4))
 
 
+def _about(value: float, rng: np.random.Generator) -> float:
+    return value * float(rng.uniform(0.8, 1.2))
+
+
 def _rounded(values: list[float], digits: int) -> list[float]:
     return [round(float(value), digits) for value in values]
 
 
 def _draw_planar(rng: np.random.Generator) -> Description:
     """Each dimension within 20 % of that of the file; again until the struts reach all of the workspace."""
-
-    def about(value: float) -> float:
-        return value * float(rng.uniform(0.8, 1.2))
-
     out = _read(PLANAR)
     while True:
-        drawn = about(0.2), about(0.125), about(1.2), about(1.5), about(0.35), about(0.30)
-        joint_x, joint_y, column_x, length, half_x, half_y = _rounded(list(drawn), 3)
+        drawn = [_about(value, rng) for value in (0.2, 0.125, 1.2, 1.5, 0.35, 0.30)]
+        joint_x, joint_y, column_x, length, half_x, half_y = _rounded(drawn, 3)
         if length > 1.10 * (column_x - joint_x + half_x) and (column_x - joint_x - half_x) > 0.25:
             break
     names = DRIVE_NAMES[rng.integers(len(DRIVE_NAMES))]
     out["name"] = _draw_name("planar", rng)
-    out["platform"]["moving_mass_kg"] = round(about(150.0), 1)
-    out["platform"]["centre_of_mass_m"] = [0.0, round(about(-0.1), 3), 0.0]
+    out["platform"]["moving_mass_kg"] = round(_about(150.0, rng), 1)
+    out["platform"]["centre_of_mass_m"] = [0.0, round(_about(-0.1, rng), 3), 0.0]
     out["workspace"] = {"x_m": [-half_x, half_x], "y_m": [-half_y, half_y]}
     drives_m = [
         y + np.sqrt(length**2 - (column_x - joint_x + x) ** 2) for y in (-half_y, half_y) for x in (-half_x, 0, half_x)
@@ -78,15 +78,31 @@ def _draw_planar(rng: np.random.Generator) -> Description:
     for key, choice in (("lead_m", LEADS_M), ("scale_pitch_m", PITCHES_M)):
         if rng.random() < 0.5:
             _state(out, key, float(rng.choice(choice)))
+    out["smrs"] = [
+        {"name": name, "on": on, "position_m": _rounded(place, 4)}
+        for name, on, place in _draw_reflectors(names, joint_x, column_x, rng)
+    ]
+    out.pop("load_cases", None)
+    return out
+
+
+def _draw_reflectors(
+    drives: tuple[str, str], joint_x: float, column_x: float, rng: np.random.Generator
+) -> list[tuple[str, str, list[float]]]:
+    """Names, carriers and places: three of the platform, one of each slider, two to four nests."""
+
+    def about(value: float) -> float:
+        return _about(value, rng)
+
     nests = int(rng.integers(2, 5))
-    on_platform: list[tuple[str, str, list[float]]] = [
+    on_platform = [
         ("P1", "platform", [-joint_x, about(-0.12), 0.1]),
         ("P2", "platform", [joint_x, about(-0.12), 0.1]),
         ("P3", "platform", [about(0.02), about(0.2), 0.1]),
     ]
     on_sliders = [
-        ("S1", names[0], [-column_x, about(0.03), 0.1]),
-        ("S2", names[1], [column_x, about(-0.03), 0.1]),
+        ("S1", drives[0], [-column_x, about(0.03), 0.1]),
+        ("S2", drives[1], [column_x, about(-0.03), 0.1]),
     ]
     on_floor = [
         ("N1", "floor", [about(-0.8), about(-1.1), 0.1]),
@@ -94,12 +110,7 @@ def _draw_planar(rng: np.random.Generator) -> Description:
         ("N3", "floor", [about(-1.1), about(-1.0), about(0.6)]),
         ("N4", "floor", [about(1.1), about(-1.0), about(0.6)]),
     ]
-    out["smrs"] = [
-        {"name": name, "on": on, "position_m": _rounded(place, 4)}
-        for name, on, place in on_platform + on_sliders + on_floor[:nests]
-    ]
-    out.pop("load_cases", None)
-    return out
+    return on_platform + on_sliders + on_floor[:nests]
 
 
 def _draw_spatial(base: str, rng: np.random.Generator) -> Description:

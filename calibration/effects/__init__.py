@@ -7,6 +7,7 @@ __all__ = [
     "basis_sets",
     "catalogue",
     "columns",
+    "combined_context",
     "context",
     "control",
     "departures",

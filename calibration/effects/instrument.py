@@ -15,7 +15,6 @@ WARM_UP_S = (900.0, 2700.0)
 CREEP_S = 900.0
 PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
 TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
-LEAST_CHANGE_K = 0.3  # of temperatures: less makes no gradient that bends light
 WALK_TERMS, SLOW_TERMS = 12, 5  # of a gradient that changes in time, and with the place
 SIGHT_TERMS = 8  # of a smooth function of where the light passes
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
@@ -54,7 +53,7 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
     warming = 1.0 - np.exp(-t / 2400.0)
     one = np.ones(len(t))
     any_time = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
-    temperatures = _temperatures(inputs.context)
+    temperatures = inputs.context.relative_changes(inputs.context.temperatures_c, (0.0,))
     angle_per_gradient = 0.5 * PER_KELVIN
     for channel, towards_warm in TOWARDS_WARM.items():
         uniform = sets.add((channel, angle_per_gradient * one), form="uniform")
@@ -74,22 +73,14 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
         at_times = sets.add((channel, angle_per_gradient * any_time))
         elsewhere = tensor_product(any_time[:, :SLOW_TERMS], np.stack([across, height], axis=1))
         sets.add_set(at_times, sets.add((channel, angle_per_gradient * elsewhere)), share=0.5)
-        if temperatures.size:  # a gradient is between two of them: below the air is as warm as the floor
-            sets.add_set(sets.add((channel, angle_per_gradient * np.column_stack([one, temperatures]))))
+        if temperatures:  # a gradient is between two of them: below the air is as warm as the floor
+            shapes = np.column_stack([one, *(change for change, _ in temperatures)])
+            sets.add_set(sets.add((channel, angle_per_gradient * shapes)))
         for place in (across, height):
             along = sets.add((channel, angle_per_gradient * cosine_basis(place, SIGHT_TERMS, constant=True)))
             sets.add_set(along)
     _add_range_scale(sets, inputs.context)
     return sets
-
-
-def _temperatures(context: ReadingContext) -> Array:
-    """Changes (n, k) of the recorded temperatures over the range of each, of those that vary."""
-    out = []
-    for sensor, temperature_c in context.temperatures_c.items():
-        if (span_k := float(np.ptp(temperature_c))) > LEAST_CHANGE_K:
-            out.append(context.part_temperature_k(sensor, 0.0) / span_k)
-    return np.stack(out, axis=1) if out else np.zeros((len(context), 0))
 
 
 def _add_range_scale(sets: BasisSets, context: ReadingContext) -> None:

@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
+from calibration.effects.api import (
+    BasisSets,
+    Coordinate,
+    Effect,
+    EffectInputs,
+    EffectParameter,
+    Textbook,
+    geometric_series,
+    varies,
+)
 from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, scale_to_symmetric
 
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
@@ -117,6 +126,10 @@ def _untested_without_torque(inputs: EffectInputs) -> str | None:
     return _untested_from_one_side(inputs)
 
 
+VARIES_WITH: tuple[Coordinate, ...] = (
+    "own travel", "other travel", "approach", "payload", "rest", "speed", "time", "way", "temperature",
+)  # fmt: skip
+
 EFFECTS = (
     Effect(
         name="backlash",
@@ -129,17 +142,7 @@ EFFECTS = (
         declared=lambda nuisance: 2.0 * nuisance.reversal_m,
         textbook=Textbook("play", "ISO 230-2: reversal value, half of it either side"),
         differs_by_visit=True,
-        varies_with=(
-            "own travel",
-            "other travel",
-            "approach",
-            "payload",
-            "rest",
-            "speed",
-            "time",
-            "way",
-            "temperature",
-        ),
+        varies_with=VARIES_WITH,
         order=40,
     ),
     Effect(
@@ -152,17 +155,7 @@ EFFECTS = (
         untested=_untested_without_torque,
         textbook=Textbook("torque", "Slocum, Precision Machine Design: wind-up of a screw, Hooke's law"),
         differs_by_visit=True,
-        varies_with=(
-            "own travel",
-            "other travel",
-            "approach",
-            "payload",
-            "rest",
-            "speed",
-            "time",
-            "way",
-            "temperature",
-        ),
+        varies_with=VARIES_WITH,
         order=50,
     ),
 )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cache
 
 import numpy as np
 
@@ -39,11 +40,9 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
 CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
 HEAT_WEIGHT = 0.1  # the same of what grows with the heat of its drive, which few recordings can tell
 MOTION_TIMES_S = geometric_series(90.0, 4000.0, 3)  # of joints and bearings up to whole columns
-MEANS_ALONG = (1.0, 0.0, -1.0 / 6.0, 0.0, -0.04)  # over the travel, of the polynomials along a screw
 MOTION_WEIGHT = 0.3  # what grows with the heat of motion, in proportion
 SPEED_M_PER_S, BETWEEN_MOTIONS_S = 0.5, 30.0  # of a typical motion, and between two
 LEAST_TORQUE = 0.05  # over rated torque: where it varies less, friction is as the way and a motor's losses are constant
-LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed: its resolution would be
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
 _LUMPED = "Incropera, DeWitt, Fundamentals of Heat and Mass Transfer: lumped capacitance, uniform linear expansion"
@@ -56,30 +55,22 @@ def _followed(inputs: EffectInputs, part: str) -> list[tuple[Array, float]]:
 
     A part follows the sensors that by their names are on it; without any such sensor it may follow each of them.
     """
-    out = []
-    sensors = list(inputs.context.temperatures_c)
-    on_part = [name for name in sensors if any(word in name.lower() for word in SENSOR_WORDS[part])]
-    for sensor in on_part or sensors:
-        # Of the sensor, not of the part: that is the campaign's also where readings of another context follow.
-        span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
-        if span_k > LEAST_CHANGE_K:
-            parts = [(inputs.context.part_temperature_k(sensor, tau), tau) for tau in FOLLOWING_TIME_CONSTANTS_S]
-            out += [(change / span_k, tau) for change, tau in parts]
-    return out
+    sensors = _on_part(inputs, part) or list(inputs.context.temperatures_c)
+    return inputs.context.relative_changes(sensors, FOLLOWING_TIME_CONSTANTS_S)
 
 
 def _mixed(inputs: EffectInputs, part: str) -> Array | None:
-    """Changes (n, k) over their ranges, of which a part may follow any mixture: its own sensors' and the air's, at
-    once and late. None if nothing varies."""
-    own = [name for name in inputs.context.temperatures_c if any(word in name.lower() for word in SENSOR_WORDS[part])]
-    sensors = dict.fromkeys([*(own or [inputs.machine.sensors[part]]), "air"])
-    out = []
-    for sensor in sensors:
-        if sensor in inputs.context.temperatures_c:
-            span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
-            if span_k > LEAST_CHANGE_K:
-                out += [inputs.context.part_temperature_k(sensor, tau) / span_k for tau in FOLLOWING_TIME_CONSTANTS_S]
-    return np.stack(out, axis=1) if out else None
+    """Changes (n, k) of which a part may follow any mixture: of its own sensors and of the air, at once and late. None
+    if nothing varies."""
+    sensors = dict.fromkeys([*(_on_part(inputs, part) or [inputs.machine.sensors[part]]), "air"])
+    changes = inputs.context.relative_changes(sensors, FOLLOWING_TIME_CONSTANTS_S)
+    return np.stack([change for change, _ in changes], axis=1) if changes else None
+
+
+def _on_part(inputs: EffectInputs, part: str) -> list[str]:
+    """Sensors that by their names are on a part."""
+    words = SENSOR_WORDS[part]
+    return [name for name in inputs.context.temperatures_c if any(word in name.lower() for word in words)]
 
 
 def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float]], list[tuple[Array, float]]]:
@@ -272,13 +263,13 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
     of_any = (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives")))
     by_torque = [heat for heat, _ in _heats_of_drive(inputs, drive)]
-    every, along = [], span * np.column_stack([np.ones_like(u), u, u**2 - 0.5, 0.5 * (u**3 - u), 0.3 * (u**4 - u**2)])
+    every, along, means = [], span * _along_screw(u), _means_along_screw()
     for heat, tau in _heats_of_motion(inputs, drive, shortest_s=_TAU.low):  # warmest anywhere along the screw
         warmed = sets.add((travel, alpha * heat[:, None] * along))
-        sets.add_set(warmed, weight=MOTION_WEIGHT, size=MEANS_ALONG, tau_s=tau)
+        sets.add_set(warmed, weight=MOTION_WEIGHT, size=means, tau_s=tau)
         every += warmed
     if every:  # heated by any power of the speed, in any time
-        sets.add_set(every, weight=MOTION_WEIGHT, size=(len(every) // len(MEANS_ALONG)) * MEANS_ALONG)
+        sets.add_set(every, weight=MOTION_WEIGHT, size=(len(every) // len(means)) * means)
     if (mixed := _mixed(inputs, "drives")) is not None:
         ends = [c for end in (0.0, span) for c in sets.add((travel, alpha * mixed * (x - end)[:, None]))]
         sets.add_set(ends, weight=CURVE_WEIGHT)
@@ -287,6 +278,17 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]
         sets.add_set(ends, weight=weight, size=2 * rises_of_curve())
     return sets
+
+
+def _along_screw(u: Array) -> Array:
+    """Polynomials (n, 5) of the coordinate on [-1, 1], of a size that falls with their order: warm anywhere."""
+    return np.column_stack([np.ones_like(u), u, u**2 - 0.5, 0.5 * (u**3 - u), 0.3 * (u**4 - u**2)])
+
+
+@cache
+def _means_along_screw() -> tuple[float, ...]:
+    """Their means over the travel: by how much a screw is warmer on the whole."""
+    return tuple(_along_screw(np.linspace(-1.0, 1.0, 1001)).mean(axis=0).tolist())
 
 
 EFFECTS = (

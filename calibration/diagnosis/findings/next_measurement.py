@@ -26,7 +26,8 @@ from calibration.diagnosis.result import NONE, UNKNOWN, CampaignAddition
 from calibration.diagnosis.search import SearchResult
 from calibration.effects.api import Effect
 from calibration.effects.columns import Contributions
-from calibration.effects.context import ArrivalHistory, ReadingContext, append_context, clip_to_campaign
+from calibration.effects.combined_context import append_context, clip_to_campaign
+from calibration.effects.context import ArrivalHistory, ReadingContext
 from calibration.effects.departures import lasting_columns
 from calibration.machine.inverse import rigid_drives
 from calibration.model.visits import Visits

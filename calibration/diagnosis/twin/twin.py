@@ -34,13 +34,8 @@ from calibration.diagnosis.twin.twin_model import (
 from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import Catalogue, load_catalogue
 from calibration.effects.columns import Contributions
-from calibration.effects.context import (
-    CombinedContext,
-    ReadingContext,
-    cached_context,
-    clip_to_campaign,
-    combine_contexts,
-)
+from calibration.effects.combined_context import CombinedContext, cached_context, clip_to_campaign, combine_contexts
+from calibration.effects.context import ReadingContext
 from calibration.effects.departures import departing, lasting_columns, lasting_departures
 from calibration.machine.description import Machine, parse_machine
 from calibration.model.visits import Visits

@@ -18,7 +18,8 @@ from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.twin.answers import RecordedAnswers
 from calibration.effects.api import CurvePoint, Departure, EffectInputs
 from calibration.effects.columns import Contributions
-from calibration.effects.context import CachedContext, ReadingContext
+from calibration.effects.combined_context import CachedContext
+from calibration.effects.context import ReadingContext
 from calibration.machine import equilibrium
 from calibration.machine.description import PARTS, Machine
 from calibration.model.model import Model, Poses, SystematicUncertainties

@@ -20,34 +20,9 @@ from calibration.diagnosis.effect_inputs import inputs_of_readings, strongest_on
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
-from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs, EffectParameter
+from calibration.effects.api import BasisSet
 from calibration.effects.columns import ColumnsByChannel
-from calibration.effects.departures import functions_it_varies_with, functions_of_coordinates
-
-
-def flat(columns):
-    return columns.reshape(-1, columns.shape[2])
-
-
-def dense(linear, *more):
-    """Covariance of all whitened readings."""
-    a = np.concatenate([flat(linear.columns), *more], axis=1)
-    return np.eye(len(a)) + a @ a.T
-
-
-def log_density(y, covariance):
-    _, log_determinant = np.linalg.slogdet(covariance)
-    return -0.5 * (y @ np.linalg.solve(covariance, y) + log_determinant + len(y) * np.log(2.0 * np.pi))
-
-
-def explicit(linear, likelihood, contributions):
-    """Columns (3 n, k) without `MarginalLikelihood.columns`."""
-    out = np.zeros((3 * len(linear.rows), len(contributions)))
-    for k, contribution in enumerate(contributions):
-        for channel, shape in contribution:
-            moved = likelihood.channels.shift_m(channel) @ linear.frame.rotation.T
-            out[:, k] += (linear.whiten @ moved[:, :, None])[:, :, 0].ravel() * np.repeat(shape, 3)
-    return out
+from tests.calibration.diagnosis.dense import HIGH, LOW, dense, explicit, flat, log_density, with_forms_at
 
 
 @pytest.fixture
@@ -64,7 +39,6 @@ def contributions(small):
 
 
 FORMS = (BasisSet((0,), (1.0,)), BasisSet((0, 1, 4), (1.0, 0.3, 0.1)), BasisSet((2, 3, 4), (1.0, 1.0, 0.5)))
-LOW, HIGH = 1e-6, 3e-4
 
 
 @pytest.mark.parametrize("number", range(len(FORMS)))
@@ -217,18 +191,6 @@ def test_by_visit_is_judge_of_single_visits(small, likelihood, causes):
     assert score == pytest.approx(judged.score, rel=1e-9, abs=1e-9 * np.abs(score).max())
 
 
-def with_forms_at(*places: int) -> Effect:
-    """An effect of the drives that has a basis set at some of them only."""
-
-    def forms(inputs: EffectInputs, place: int) -> BasisSets:
-        out = BasisSets()
-        if place in places:
-            out.add_set(out.add((f"travel.{inputs.drive(place)}", inputs.context.direction[:, place])))
-        return out
-
-    return Effect("one_sided", "drive", EffectParameter("width_m", LOW, HIGH, "m", ""), "", (), forms)
-
-
 @pytest.mark.parametrize("places", [(), (1,), (0, 1)])
 def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, places):
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
@@ -292,110 +254,6 @@ def test_the_time_of_a_change_is_found_in_any_unit_of_its_channel(small, unit):
     last = order[np.flatnonzero(after[order])[0] - 1]
     assert onset_s == pytest.approx(0.5 * (context.t_s[first] + context.t_s[last]) - context.start_s)
     assert 0.0 < prior < 0.1
-
-
-@pytest.mark.parametrize(("by_visit", "varies_with"), [(False, ()), (True, ()), (False, ("payload", "rest"))])
-def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_visit, varies_with, monkeypatch):
-    """As likely as one another: the exact form, a little of everything, one coordinate alone, and shares by visit; half
-    as likely, all that the strength may depend on together, and each of it alone."""
-    monkeypatch.setattr(departure_evidence, "SMOOTH_SHARES", (0.1,))
-    monkeypatch.setattr(departure_evidence, "SHARES_BY_VISIT", (0.5,))
-    few = ("travel.left", "payload")
-    every = functions_of_coordinates
-    monkeypatch.setattr(
-        departure_evidence, "functions_of_coordinates", lambda *of: {name: every(*of)[name] for name in few}
-    )
-    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
-    effect = replace(with_forms_at(0), differs_by_visit=True, varies_with=varies_with)
-    arrival = small.context.arrival
-    share = np.random.default_rng(6).uniform(0.0, 1.0, int(arrival.max()) + 1)[arrival]
-    (form,) = effect.forms(inputs, 0).contributions
-    ((channel, shape),) = form
-    shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
-    there = replace(small, residual=small.residual + shift.reshape(-1, 3))
-    planted = likelihood.on(there)
-    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
-    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
-
-    inverse = np.linalg.inv(dense(small))
-    groups = {
-        name: explicit(small, likelihood, [((channel, shape * f),) for f in functions.T])
-        for name, functions in functions_of_coordinates(inputs, effect, 0).items()
-        if name in few
-    }
-    visits = explicit(small, likelihood, [((channel, shape * (arrival == v)),) for v in np.unique(arrival)])
-    column = explicit(small, likelihood, [form])
-
-    def seen(columns):
-        return np.einsum("ik,ij,jk->", columns, inverse, columns)
-
-    def scaled(columns, part):
-        return columns * part * min(1.0, np.sqrt(seen(column) / seen(columns)))
-
-    ways = [(1.0, column)]
-    ways.append((1.0, np.hstack([column, *(scaled(columns, 0.1 / np.sqrt(2.0)) for columns in groups.values())])))
-    ways += [(0.5, np.hstack([column, scaled(columns, 0.1)])) for columns in groups.values()]
-    expected = [
-        explicit(small, likelihood, [((channel, shape * f),) for f in functions.T])
-        for functions in functions_it_varies_with(inputs, effect, 0).values()
-    ]
-    for size in (0.4, 1.0) if expected else ():
-        together = [scaled(columns, size / np.sqrt(len(expected))) for columns in expected]
-        ways.append((0.25, np.hstack([column, *together])))
-        ways += [(0.25 / len(expected), np.hstack([column, scaled(columns, size)])) for columns in expected]
-    without_unexpected = [ways[0], *ways[4:]]
-    if by_visit:
-        ways.append((1.0, np.hstack([column, scaled(visits, 0.5)])))
-    prior = sum(weight for weight, _ in ways)
-    y, sizes = there.residual.ravel(), np.geomspace(LOW, HIGH, SIZES)
-    without = log_density(y, dense(small))
-
-    def evidence(columns):
-        logs = [log_density(y, dense(small) + a * a * columns @ columns.T) for a in sizes]
-        return np.logaddexp.reduce(logs) - np.log(SIZES) - without
-
-    total = np.logaddexp.reduce([np.log(weight / prior) + evidence(columns) for weight, columns in ways])
-    assert found.gain == pytest.approx(total - evidence(column), abs=1e-3)
-    of_expected = np.logaddexp.reduce([np.log(weight) + evidence(columns) for weight, columns in without_unexpected])
-    of_expected -= np.log(sum(weight for weight, _ in without_unexpected))
-    assert found.unexpected == pytest.approx(0.0 if by_visit else max(total - of_expected, 0.0), abs=1e-3)
-    assert (found.best.basis_set.departures[-1].coordinate == "visit") == by_visit
-    assert len(found.contributions) == len(found.best.coefficients) == 1 + len(found.best.basis_set.departures)
-
-
-@pytest.mark.parametrize(("least", "kept"), [(0.2, True), (-1.0, False)])
-@pytest.mark.parametrize("sign", [0.0, 1.0])
-def test_a_strength_whose_sign_mechanics_knows_does_not_turn(small, likelihood, least, kept, sign):
-    """Growing with the load from `least` to 2: play that becomes negative is none; a size without a sign may."""
-    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
-    effect = replace(with_forms_at(0), varies_with=("payload",))
-    load = small.context.payload_kg / small.context.payload_kg.max()
-    strength = least + (2.0 - least) * load
-    (form,) = effect.forms(inputs, 0).contributions
-    ((channel, shape),) = form
-    shift = explicit(small, likelihood, [((channel, shape * strength),)])[:, 0] * 8.0e-5
-    planted = likelihood.on(replace(small, residual=small.residual + shift.reshape(-1, 3)))
-    basis_set = BasisSet((0,), (1.0,), sign=sign)
-    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [basis_set], LOW, HIGH)
-    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=False)
-    expected = kept or sign == 0.0
-    assert (found.unexpected < 2.0) is expected
-    assert (max(found.best.basis_set.relative[1:]) >= 0.4) is expected
-
-
-def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likelihood):
-    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
-    effect = replace(with_forms_at(0), differs_by_visit=True)
-    arrival = small.context.arrival
-    share = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
-    (form,) = effect.forms(inputs, 0).contributions
-    ((channel, shape),) = form
-    shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
-    there = replace(small, residual=small.residual + shift.reshape(-1, 3))
-    planted = likelihood.on(there)
-    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
-    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True)
-    assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

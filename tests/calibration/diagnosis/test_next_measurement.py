@@ -13,7 +13,7 @@ from calibration.diagnosis.findings.next_measurement import _ChannelResponse, _H
 from calibration.diagnosis.findings.proposals import duration_min, proposals
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.effects.catalogue import load_catalogue
-from calibration.effects.context import append_context
+from calibration.effects.combined_context import append_context
 from calibration.machine.description import load_machine
 from mock_devices.effects import EffectChoice
 from mock_devices.recordings.design import DesignOptions

@@ -10,13 +10,8 @@ import pytest
 
 from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import load_catalogue
-from calibration.effects.context import (
-    CachedContext,
-    cached_context,
-    clip_to_campaign,
-    combine_contexts,
-    context_of_recording,
-)
+from calibration.effects.combined_context import CachedContext, cached_context, clip_to_campaign, combine_contexts
+from calibration.effects.context import context_of_recording
 from calibration.effects.departures import functions_it_varies_with
 from calibration.recording.header import KnownTable
 from mock_devices.recordings.design import DesignOptions

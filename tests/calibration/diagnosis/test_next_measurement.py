@@ -8,10 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.findings.next_measurement import _ChannelResponse, _Hypotheses
 from calibration.diagnosis.findings.proposals import duration_min, proposals
+from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.effects.api import BasisSet, Departure
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.combined_context import append_context
 from calibration.machine.description import load_machine
@@ -134,6 +137,18 @@ def test_each_proposal_varies_what_it_says(small):
         "everything varied": (True, True, True, True),
     }
     assert len({tuple(visit.target_m for visit in proposal.visits) for proposal in proposals(small)}) == 1
+
+
+@pytest.mark.parametrize(("coordinate", "told"), [("payload", True), ("way.left", False), ("temperature", False)])
+def test_what_goes_with_a_way_or_a_temperature_yet_to_come_is_not_predicted(small, coordinate, told):
+    """Their ranges are those of the campaign's own readings; that of the payload is known."""
+    effect = replace(load_catalogue().effect("backlash"), varies_with=("payload", "way", "temperature"))
+    basis_set = BasisSet((0,), (1.0, 1.0), departures=(Departure(0, coordinate, 0),))
+    best = BasisSetEvidence(basis_set, 50.0, 1e-5, np.array([5e-5, 3e-5]), np.eye(2))
+    cause = Cause(effect, 50.0, {"left": 1.0}, "left", best, ())
+    hypotheses = _Hypotheses(small, SimpleNamespace(ranking=(cause,)), {NONE: 0.5, "backlash": 0.5}, ())
+    both_sides = next(proposal for proposal in proposals(small) if proposal.name == "both directions")
+    assert np.any(hypotheses.predict(both_sides)[1] != 0.0) is np.bool_(told)
 
 
 def test_an_untested_effect_that_no_planned_reading_shows_predicts_nothing(small):

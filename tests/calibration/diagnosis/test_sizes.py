@@ -11,6 +11,7 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.ranking import Cause
 from calibration.effects.api import BasisSet, Departure
 from calibration.effects.catalogue import Catalogue, load_catalogue
+from calibration.effects.thermal import _along_screw, _means_along_screw
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import STATED, Arrivals, changed, plant, recorded, simulated
 
@@ -137,6 +138,16 @@ def test_departures_as_large_as_the_form_are_no_part_of_the_size():
     value, u = size_of(Cause(load_catalogue().effect("backlash"), 50.0, {"left": 1.0}, "left", best, ()))
     assert value == pytest.approx(3e-5)
     assert u == pytest.approx(2e-6)
+
+
+@pytest.mark.parametrize(
+    ("warm", "mean"), [(lambda u: u**2, 1.0 / 3.0), (lambda u: u**3 - u, 0.0), (lambda u: u**4, 0.2)]
+)
+def test_a_screw_that_is_warm_anywhere_is_as_warm_as_it_is_on_the_whole(warm, mean):
+    """The integral over the travel of the warmth at each place."""
+    u = np.linspace(-1.0, 1.0, 50)
+    coefficients = np.linalg.lstsq(_along_screw(u), warm(u), rcond=None)[0]
+    assert np.array(_means_along_screw()) @ coefficients == pytest.approx(mean, abs=2e-3)
 
 
 def test_a_norm_of_channels_is_that_of_each_channel_s_mean_square():

@@ -18,7 +18,7 @@ KIND_OF_PLACE = {
     "tracker_drift": RIG, "refraction": RIG, "latency": RIG, "expansion_coefficient": RIG, "payload": RIG,
     "tables_left_on": RIG, "outside": RIG,
 }  # fmt: skip
-WANTED = (0.9, 6.5)  # visible size
+WANTED = (0.9, 6.5)  # visible length
 VISIBLE, MOST_RAW = (0.7, 8.5), 70
 ROUNDS, CLOSE = 4, 0.05
 
@@ -35,6 +35,11 @@ class Effect:
     step_s: float | None
     period_m: float | None
     share_shown: float  # of what a drive is off that its own columns show
+
+    @property
+    def of_rig(self) -> bool:
+        """Whether it belongs to the rig as a whole."""
+        return KIND_OF_PLACE.get(self.name) == RIG
 
     def sized(self, amplitude: float) -> list[Part]:
         """Its parts with an amplitude, in the unit of the form."""
@@ -67,14 +72,14 @@ def bring_to_size(rig: Rig, sizes: Sizes, effect: Effect, wanted: float) -> tupl
     amplitude = largest / 20
     for _ in range(ROUNDS):
         size = size_of(rig, sizes, effect, amplitude)
-        if size is None or size.visible < 1e-4:
+        if size is None or size.visible_length < 1e-4:
             return None
-        better = min(amplitude * wanted / size.visible, largest, amplitude * MOST_RAW / max(size.raw, 1e-9))
+        better = min(amplitude * wanted / size.visible_length, largest, amplitude * MOST_RAW / max(size.raw_length, 1e-9))
         if abs(better / amplitude - 1) < CLOSE:
             break
         amplitude = better
     size = size_of(rig, sizes, effect, amplitude)
-    if size is None or not VISIBLE[0] <= size.visible <= VISIBLE[1]:
+    if size is None or not VISIBLE[0] <= size.visible_length <= VISIBLE[1]:
         return None
     return amplitude, size
 

@@ -43,8 +43,8 @@ def make_case(case: Case, cases: Path) -> str:
         if sized is None:
             continue
         amplitudes = [(effect, amplitude) for effect, amplitude, _ in sized]
-        files, clean_m = recording_files(rig, case.name, amplitudes, rng)
-        arrays = {"clean_m": clean_m, "platform": rig.rows.on_platform}
+        files, noise_free_m = recording_files(rig, case.name, amplitudes, rng)
+        arrays = {"clean_m": noise_free_m, "platform": rig.rows.on_platform}
         write_case(cases / case.name, files, _entry(rig, case, sized), arrays)
         return case.name
     raise NoRecording(f"{ATTEMPTS} draws gave no recording {case.name} of archive {case.archive}")
@@ -94,7 +94,7 @@ def _entry(rig: Rig, case: Case, sized: list[Sized]) -> dict[str, Any]:
 def _fact(effect: Effect, amplitude: float, size: Size) -> dict[str, Any]:
     times = {"step_s": effect.step_s, "period_m": effect.period_m}
     return {
-        "effect": effect.name, "form": effect.form.name, "places": effect.places,
+        "effect": effect.name, "form": effect.form.name, "places": [] if effect.of_rig else effect.places,
         "raw_sigma": size.raw, "visible_sigma": size.visible,
         "raw_platform_sigma": size.raw_platform, "visible_platform_sigma": size.visible_platform,
         "size": float(amplitude), **{name: value for name, value in times.items() if value is not None},

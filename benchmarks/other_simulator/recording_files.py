@@ -33,12 +33,13 @@ COVARIANCES = (("xx", 0, 0), ("xy", 0, 1), ("xz", 0, 2), ("yy", 1, 1), ("yz", 1,
 def recording_files(
     rig: Rig, campaign: str, effects: Sequence[tuple[Effect, float]], rng: np.random.Generator
 ) -> tuple[dict[str, bytes], Array]:
-    """Contents of a recording's files by name, and what the station would read without noise and drift (r, 3).
+    """Contents of a recording's files by name, and what the station would read without noise (r, 3).
 
     effects: with their amplitudes.
     """
-    clean, state = rig.simulate([part for effect, amplitude in effects for part in effect.sized(amplitude)])
-    read, covariances = _read(rig, clean, rng)
+    seen, state = rig.simulate([part for effect, amplitude in effects for part in effect.sized(amplitude)])
+    noise_free = rig.station.with_range_errors(rig.drift.of(seen))
+    read, covariances = _read(rig, noise_free, rng)
     header = _header(rig, campaign, effects, rng)
     columns = _columns_of_rows(rig) | _columns_of_station(rig, read, covariances, rng) | _columns_of_target(rig, rng)
     wound_up = {place for effect, _ in effects if effect.name == "friction_windup" for place in effect.places}
@@ -49,17 +50,16 @@ def recording_files(
         "recording.toml": f"{toml_text(header)}\n",
         "readings.csv": _csv(columns),
     }
-    return {name: text.encode() for name, text in files.items()}, clean
+    return {name: text.encode() for name, text in files.items()}, noise_free
 
 
-def _read(rig: Rig, clean_m: Array, rng: np.random.Generator) -> tuple[Array, Array]:
+def _read(rig: Rig, noise_free_m: Array, rng: np.random.Generator) -> tuple[Array, Array]:
     """What the station reads (r, 3), and the covariances (r, 3, 3) that it states."""
-    seen = rig.station.with_range_errors(rig.drift.of(clean_m))
-    spread = np.linalg.cholesky(rig.station.covariances_m2(seen))
-    seen = seen + np.einsum("rij,rj->ri", spread, rng.normal(size=seen.shape))
+    spread = np.linalg.cholesky(rig.station.covariances_m2(noise_free_m))
+    read = noise_free_m + np.einsum("rij,rj->ri", spread, rng.normal(size=noise_free_m.shape))
     if rig.levels.outliers:
-        seen = with_outliers(seen, rng)
-    return seen, rig.station.covariances_m2(seen)
+        read = with_outliers(read, rng)
+    return read, rig.station.covariances_m2(read)
 
 
 def _shown_m(rig: Rig, effects: Sequence[tuple[Effect, float]]) -> Array:

@@ -19,12 +19,19 @@ STEP, LN_STEP = 1e-5, 0.05  # of numerical derivatives
 
 @dataclass(frozen=True)
 class Size:
-    """Root mean squares in standard deviations of a reading: of the reflectors that move most, and of the platform."""
+    """Root mean squares over the coordinates in which the platform moves, each in the standard deviation of a reading
+    across the line of sight: of the reflectors that move most, and of the platform's.
+
+    raw_length, visible_length: of the shifts' lengths, in the mean standard deviation of a coordinate. Amplitudes are
+    drawn by these.
+    """
 
     raw: float
     visible: float
     raw_platform: float
     visible_platform: float
+    raw_length: float
+    visible_length: float
 
 
 class Sizes:
@@ -47,11 +54,14 @@ class Sizes:
             judged = groups + [rows.calibration & (rows.smr == smr) for smr in on_sliders]
         else:
             judged = [rows.calibration & (rows.smr == reflector)]
+        raw, visible = self._in_sigma(change_m), self._in_sigma(residual)
         return Size(
-            raw=max(self._rms(change_m, group) for group in judged),
-            visible=max(self._rms(residual, group) for group in judged),
-            raw_platform=self._rms(change_m, rows.on_platform),
-            visible_platform=self._rms(residual, rows.on_platform),
+            raw=max(_rms(raw, group) for group in judged),
+            visible=max(_rms(visible, group) for group in judged),
+            raw_platform=_rms(raw, rows.on_platform),
+            visible_platform=_rms(visible, rows.on_platform),
+            raw_length=max(self._rms_length(change_m, group) for group in judged),
+            visible_length=max(self._rms_length(residual, group) for group in judged),
         )
 
     def unfitted(self, change_m: Array) -> Array:
@@ -60,7 +70,14 @@ class Sizes:
         white = (whitening @ change_m[..., None]).reshape(-1)
         return change_m - columns @ (solution @ white)
 
-    def _rms(self, change_m: Array, group: NDArray[np.bool_]) -> float:
+    def _in_sigma(self, change_m: Array) -> Array:
+        """A change (r, 3) of the readings along the machine's axes in which the platform moves (r, c), in sigma."""
+        rig = self._rig
+        sigma_m = rig.station.angle_sd_rad * np.linalg.norm(rig.scene.sights_m, axis=1)
+        moves = [axis for axis in rig.machine.free if axis < 3]
+        return np.asarray((change_m @ rig.station.axes)[:, moves] / sigma_m[:, None])
+
+    def _rms_length(self, change_m: Array, group: NDArray[np.bool_]) -> float:
         return float(np.sqrt((change_m[group] ** 2).sum(1).mean()) / self._rig.sigma_m) if group.any() else 0.0
 
     def _linear_fit(self) -> tuple[Array, Array, Array]:
@@ -84,3 +101,7 @@ class Sizes:
         white = (whitening @ jacobian).reshape(-1, jacobian.shape[2]) * np.array(priors)
         solution = np.linalg.solve(white.T @ white + np.eye(white.shape[1]), white.T)
         return whitening, jacobian * np.array(priors), solution
+
+
+def _rms(sizes: Array, group: NDArray[np.bool_]) -> float:
+    return float(np.sqrt(np.mean(sizes[group] ** 2))) if group.any() else 0.0

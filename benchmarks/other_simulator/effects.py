@@ -18,8 +18,8 @@ KIND_OF_PLACE = {
     "tracker_drift": RIG, "refraction": RIG, "latency": RIG, "expansion_coefficient": RIG, "payload": RIG,
     "tables_left_on": RIG, "outside": RIG,
 }  # fmt: skip
-WANTED = (0.9, 6.5)  # visible length
-VISIBLE, MOST_RAW = (0.7, 8.5), 70
+WANTED = (1.3, 9.0)  # visible length of shifts
+VISIBLE, MOST_RAW = (0.7, 12.0), 100
 ROUNDS, CLOSE = 4, 0.05
 
 

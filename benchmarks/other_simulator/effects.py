@@ -74,7 +74,8 @@ def bring_to_size(rig: Rig, sizes: Sizes, effect: Effect, wanted: float) -> tupl
         size = size_of(rig, sizes, effect, amplitude)
         if size is None or size.visible_length < 1e-4:
             return None
-        better = min(amplitude * wanted / size.visible_length, largest, amplitude * MOST_RAW / max(size.raw_length, 1e-9))
+        most = amplitude * MOST_RAW / max(size.raw_length, 1e-9)
+        better = min(amplitude * wanted / size.visible_length, largest, most)
         if abs(better / amplitude - 1) < CLOSE:
             break
         amplitude = better

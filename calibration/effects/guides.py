@@ -6,12 +6,20 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
-from calibration.effects.basis_functions import cosine_basis, course_with_jumps, steps_over
+from calibration.effects.basis_functions import (
+    cosine_basis,
+    course_with_jumps,
+    random_walk_basis,
+    steps_over,
+    tensor_product,
+)
+from calibration.recording.header import HOUR_S
 
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
 SIDE_TERMS, SIDE_WEIGHT = 6, 0.3  # of what is another deviation for each side of the approach
+BENT_TERMS, COURSE_TERMS, BENT_WEIGHT = 6, 8, 0.3  # of a guide whose form changes
 
 
 def straightness(inputs: EffectInputs, drive: int) -> BasisSets:
@@ -28,6 +36,7 @@ def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -
     sets, q = BasisSets(), inputs.context.drives[:, drive]
     span = float(np.ptp(q))
     fine = int(np.clip(2.0 * span / SHORTEST_WAVE_M, 6, 28))
+    curves = cosine_basis(q, BENT_TERMS, roughness=1.0)
     for channel in channels:
         curve = sets.add((channel, cosine_basis(q, fine, roughness=1.0)))
         loaded = sets.add((channel, 2.0 * cosine_basis(q, fine, roughness=1.0) * (inputs.payload_ratio - 0.5)[:, None]))
@@ -37,6 +46,10 @@ def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -
             side = inputs.context.direction[:, drive : drive + 1]
             sided = sets.add((channel, side * cosine_basis(q, SIDE_TERMS, roughness=1.0, constant=True)))
             sets.add_set(sided, curve, share=0.5, weight=SIDE_WEIGHT)
+        if "t_s" not in inputs.context.not_said:  # a bed bends in the course of time, as it warms
+            hours = inputs.context.elapsed_s / HOUR_S
+            bending = sets.add((channel, tensor_product(curves, random_walk_basis(hours, COURSE_TERMS))))
+            sets.add_set((*curve[:BENT_TERMS], *bending), weight=BENT_WEIGHT)
     return sets
 
 

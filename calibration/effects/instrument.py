@@ -71,7 +71,7 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
         sets.add_set(varying)
         sets.add_set(warm, (*uniform, *slowly), share=0.5, size=towards_warm)
         at_times = sets.add((channel, angle_per_gradient * any_time))
-        elsewhere = tensor_product(any_time[:, :SLOW_TERMS], np.stack([across, height], axis=1))
+        elsewhere = tensor_product(any_time[:, :SLOW_TERMS], np.stack([across, height, across**2, height**2], axis=1))
         sets.add_set(at_times, sets.add((channel, angle_per_gradient * elsewhere)), share=0.5)
         if temperatures:  # a gradient is between two of them: below the air is as warm as the floor
             shapes = np.column_stack([one, *(change for change, _ in temperatures)])

@@ -39,13 +39,13 @@ OF_READING = {
 OF_DRIVE = {"drives": "travel", "direction": "side", "velocity_m_per_s": "velocity", "torque": "torque"}
 
 
-def typical_inputs() -> EffectInputs:
+def typical_inputs(visits: int = 40) -> EffectInputs:
     """Of a small recording of the plant that varies everything, temperatures and known tables added.
 
     Periods and moments, which its noise would decide, are given.
     """
     design = DesignOptions(fly_share=0.2)
-    likelihood = MarginalLikelihood.of(linearise_recording(recorded(plant(40, design=design)), judge=False))
+    likelihood = MarginalLikelihood.of(linearise_recording(recorded(plant(visits, design=design)), judge=False))
     inputs = inputs_of_recording(likelihood, {})
     hours = inputs.context.elapsed_s / 3600.0
     temperatures = {s: 22.0 + np.sin((3 + k) * hours) for k, s in enumerate(inputs.context.temperatures_c)}

@@ -17,6 +17,7 @@ from mock_devices.effects import (
     ordinary_disturbances,
     outside,
     outside_final,
+    outside_further,
     outside_motions,
     outside_parts,
     outside_published,
@@ -46,6 +47,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_published,
         outside_parts,
         outside_motions,
+        outside_further,
         outside_final,
         ordinary_disturbances,
     )

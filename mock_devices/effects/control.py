@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
@@ -17,6 +19,9 @@ RESOLVER_M = 0.02  # travel of a slider in one turn of its resolver
 HOUR_S = 3600.0
 DRAG_M = 0.12  # half of the play with which another axis drags a chain along
 RESTARTS = 32
+STEERS_S, DAMPED = (900.0, 1800.0), 0.05  # of a clock's loop: period, damping
+LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
+SWINGS, CALMS = 3.0, 0.5  # of a load: rate and decay, over tau_s
 LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; travel that leaves the size
 STICKS = 0.15  # friction over the force of the first swing
 
@@ -36,12 +41,15 @@ class AxisCoupling(Effect):
     `dragged_chain`: a chain that hangs on this axis follows the other one, but only once its own play is used up, so
     that the error has a loop over the other's place: the play of M. A. Krasnosel'skii, A. V. Pokrovskii, "Systems with
     Hysteresis" (1989).
+    `turn_of_other`: the other axis's screw runs out of true and pushes the beam that both hang on once a turn: runout
+    of screws in A. H. Slocum, "Precision Machine Design" (1992).
     """
 
     def setup(self) -> None:
         """Phase between both axes' signals, and where the chain is."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.other = (self.place + 1) % len(self.site.machine.sliders)
+        self.lead_m = float(self.rng.choice(LEADS_M))
         self._chain = Dragged(DRAG_M, self.site.drive_range_m(self.other)[0])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -65,6 +73,8 @@ class AxisCoupling(Effect):
             y = 0.25 * behind * np.exp(-state.since_s[:, b] / COUPLED_S)
         elif self.variant == "crosstalk":
             y = 0.25 * np.sin(2.0 * np.pi * (state.q_m[:, b] - state.q_m[:, a]) / RESOLVER_M + self.phase)
+        elif self.variant == "turn_of_other":
+            y = 0.25 * np.sin(2.0 * np.pi * state.q_m[:, b] / self.lead_m + self.phase)
         elif self.variant == "dragged_chain":
             y = self._chain.at(state, b) - middle
         elif self.variant == "elastic_bed":
@@ -101,11 +111,15 @@ class Latency(Effect):
     `restarted`: cycles that nothing synchronises begin anew at every exchange of the payload, when the machine is
     switched off, each time in another phase: H. Kopetz, "Real-Time Systems: Design Principles for Distributed Embedded
     Applications" (1997). The size is that before the first exchange, and the mean of all.
+    `steered_clock`: a loop steers the station's clock after the other one and swings about it after a step of the
+    phase, as the loop of second order does that is damped too little in F. M. Gardner, "Phaselock Techniques" (1966).
+    The size is the step, at the campaign's begin.
     """
 
     def setup(self) -> None:
-        """Phases after every restart."""
+        """Phases after every restart; how fast the loop of a clock swings."""
         self.restarts = np.concatenate([[1.0], self.rng.uniform(0.0, 2.0, RESTARTS - 1)])
+        self.steers_s = float(self.rng.uniform(*STEERS_S))
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -115,15 +129,22 @@ class Latency(Effect):
             return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
         if self.variant == "queued":  # the phase of another message is the chance: the same whenever it is asked for
             return np.asarray(-self.size * np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
-        if self.variant in ("clock_skew", "clock_ageing", "restarted"):
+        if self.variant in ("clock_skew", "clock_ageing", "restarted", "steered_clock"):
             t = self.elapsed_s(state)
             share = t % POLL_S / POLL_S if self.variant == "clock_skew" else (t / HOUR_S) ** 2
             if self.variant == "restarted":
                 share = self.restarts[state.exchanges.astype(int) % RESTARTS]
+            elif self.variant == "steered_clock":
+                share = self._left_of_step(t)
             return np.asarray(self.size * share)
         if self.variant == "with_speed":
             return np.asarray(self.size * np.abs(state.velocity_m_per_s).max(axis=1) / 0.25)
         return self.size
+
+    def _left_of_step(self, t: Array) -> Array:
+        """Error of the clock (n,) over the step."""
+        swing, fades = 2.0 * np.pi * t / self.steers_s, DAMPED / math.sqrt(1.0 - DAMPED**2)
+        return np.asarray(np.exp(-fades * swing) * (np.cos(swing) - fades * np.sin(swing)))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Delay by a filter: behind by v tau while moving, decaying after the stop."""
@@ -147,6 +168,9 @@ class ServoSettling(Effect):
     `integrator_reset`: the controller's integral part, which holds the weight, is cleared with every motion and builds
     up again at rest, so that the slider arrives below its target from either side and rises: K. J. Åström, T. Hägglund,
     "PID Controllers: Theory, Design, and Tuning" (1995). The size is that without payload, at any speed.
+    `swinging_load`: what hangs on the slider swings on beyond its target, the further and the more slowly the heavier
+    it is: N. C. Singer, W. P. Seering, "Preshaping Command Inputs to Reduce System Vibration" (1990). The size is the
+    swing without payload, were it not damped.
     """
 
     def setup(self) -> None:
@@ -172,7 +196,11 @@ class ServoSettling(Effect):
             weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
             deviation.travel_m[:, a] -= self.size * weight * share
             return
-        if self.variant == "ringing":
+        if self.variant == "swinging_load":
+            own_kg = self.site.machine.moving_mass_kg
+            slower = np.sqrt((own_kg + state.payload_kg) / own_kg)
+            share = -slower * np.exp(-CALMS * t) * np.sin(SWINGS * t / slower)
+        elif self.variant == "ringing":
             share = np.exp(-0.5 * t) * np.cos(2.5 * t)
         elif self.variant == "logarithmic":
             share = np.maximum(1.0 - np.log1p(t) / np.log(8.0), 0.0)
@@ -217,8 +245,9 @@ EFFECTS = (
             "cross_coupled",
             "crosstalk",
             "dragged_chain",
+            "turn_of_other",
         ),
-        final="dragged_chain",
+        final="turn_of_other",
         reveals="the other drive's coordinate or motion, SMRs on the sliders",
         make=AxisCoupling,
     ),
@@ -236,8 +265,9 @@ EFFECTS = (
             "queued",
             "clock_ageing",
             "restarted",
+            "steered_clock",
         ),
-        final="restarted",
+        final="steered_clock",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),
@@ -257,8 +287,9 @@ EFFECTS = (
             "dry_friction",
             "after_effect",
             "integrator_reset",
+            "swinging_load",
         ),
-        final="integrator_reset",
+        final="swinging_load",
         reveals="varied dwell and speed, by variant payload or earlier motions, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

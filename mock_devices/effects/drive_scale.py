@@ -20,6 +20,7 @@ from mock_devices.effects.stated_values import ONSET
 SLIP_K = 0.4
 CREEP_WAY_M = 100.0
 STEPS_M_PER_S, STEPS = 0.3, 40.0  # above which a stepping motor loses steps; motions to the size
+READER_S, DUTY_M_PER_S = 900.0, 0.02  # of a reading head's holder: time constant; mean speed for the size
 RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
 
@@ -42,6 +43,9 @@ class DriveScale(StatefulEffect):
     `relaxing_tape`: a scale of steel tape that was strained anew at the onset loses its tension with the logarithm of
     time, fast at first, and grows shorter: stress relaxation in F. Garofalo, "Fundamentals of Creep and Creep-Rupture
     in Metals" (1965). The size is that after an hour, at the end of the travel.
+    `warm_reader`: the drive's motions warm the holder of its reading head, which grows and moves the zero, and cools at
+    rest: heat of a machine's own in M. Weck, P. McKeown, R. Bonse, U. Herbst, "Reduction and Compensation of Thermal
+    Errors in Machine Tools" (1995). The size is that at a mean of DUTY_M_PER_S.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -53,13 +57,16 @@ class DriveScale(StatefulEffect):
         rest = self.rng.standard_normal(31)
         self.offsets = np.concatenate([[0.0, float(np.sign(self.rng.standard_normal()))], rest])[:32]
         self.sign = float(self.offsets[1])
+        self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         self._lost = LegMemory(lambda way, speed, _: ((way > 0.0) & (speed > STEPS_M_PER_S)).astype(np.float64))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let fast upward motions lose steps."""
+        """Let fast upward motions lose steps, or all motions warm the reading head."""
         super().record_leg(drive, leg)
         if self.variant == "lost_steps" and drive == self.place:
             self._lost.record(leg)
+        elif self.variant == "warm_reader" and drive == self.place:
+            self._warmed.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -79,6 +86,8 @@ class DriveScale(StatefulEffect):
             y = -way / CREEP_WAY_M
         elif self.variant == "lost_steps":
             y = -self._lost.at(state, a)[:, 0] / STEPS
+        elif self.variant == "warm_reader":
+            y = self.sign * self._warmed.at(state, a)[:, 0]
         elif self.variant == "relaxing_tape":
             strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
             y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
@@ -116,8 +125,9 @@ EFFECTS = (
             "belt_creep",
             "lost_steps",
             "relaxing_tape",
+            "warm_reader",
         ),
-        final="relaxing_tape",
+        final="warm_reader",
         reveals="time or motions made, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),

@@ -29,6 +29,9 @@ TURNS = 138  # of a screw over its travel
 SLIP_M = 6.0  # travel over which the balls of a nut fall behind by a whole orbit
 HELD = 0.12  # share of a step by which a counter switches late, in either direction
 PIECE_M = 0.2  # of a rack
+HELD_M = 0.25  # from one holder of a tape to the next
+ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
+BITS, FILLS = 4, (0.75, 1.0)  # of a converter; share of its range that the signals fill
 IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
 SHADOW_RAD = 0.0711  # largest error of triangles
 
@@ -46,6 +49,8 @@ class CumulativeError(Effect):
     "Ball Screws: Acceptance Conditions and Acceptance Tests" (2006), and these errors add up along the screw.
     `rack_pieces`: a rack is put together from pieces, each a little beside its place and with a cumulative pitch error
     of its own, as ISO 1328-1, "Cylindrical Gears: ISO System of Accuracy" (1995), states that; it jumps at every joint.
+    `sagging_tape`: a scale of tape hangs slack between its holders, and each field is longer than it is straight by its
+    own sag, most of that near the holders: the correction for sag of G. L. Hosmer, "Geodesy" (1919), of a parabola.
     """
 
     def setup(self) -> None:
@@ -65,12 +70,24 @@ class CumulativeError(Effect):
         rack = self._along_pieces(fine)
         self.level = np.polyfit(fine, rack, 1)  # a straight part would be the drive's scale
         self.most = float(np.abs(rack - np.polyval(self.level, fine)).max())
+        self.slack = np.square(self.rng.uniform(0.0, 1.0, math.ceil(2.0 * half / HELD_M)))  # square of each field's sag
+        tape = self._along_tape(fine)
+        self.tape_level = np.polyfit(fine, tape, 1)
+        self.tape_most = float(np.abs(tape - np.polyval(self.tape_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
         """Error of the rack (n,): where its piece lies, and half of that again by the pitch within the piece."""
         at = np.clip((q_m - self.joint_m) / PIECE_M, 0.0, len(self.pitch) - 1.0e-9)
         piece = at.astype(int)
         return np.asarray(self.beside[piece] + self.pitch[piece] * (at - piece - 0.5))
+
+    def _along_tape(self, q_m: Array) -> Array:
+        """What all fields up to a place are too long (n,), over the most that one field may be."""
+        middle, half = self.site.drive_range_m(self.place)
+        at = np.clip((q_m - middle + half) / HELD_M, 0.0, len(self.slack) - 1.0e-9)
+        field = at.astype(int)
+        before = np.concatenate([[0.0], np.cumsum(self.slack)])
+        return np.asarray(before[field] + self.slack[field] * (1.0 - (1.0 - 2.0 * (at - field)) ** 3) / 2.0)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -90,6 +107,9 @@ class CumulativeError(Effect):
         elif self.variant == "rack_pieces":
             q = state.q_m[:, self.place]
             y = (self._along_pieces(q) - np.polyval(self.level, q)) / self.most
+        elif self.variant == "sagging_tape":
+            q = state.q_m[:, self.place]
+            y = (self._along_tape(q) - np.polyval(self.tape_level, q)) / self.tape_most
         elif self.variant == "two_pieces":  # two scales butted together
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
@@ -110,6 +130,9 @@ class PeriodicError(Effect):
     does not repeat at the same position: E. P. Kingsbury, "Basic Speed Ratio of an Angular Contact Bearing" (1980).
     `other_flank`: the nut lies against one flank of the thread on its way up and against the other on its way down, and
     each flank is drunken in its own way: F. H. Rolt, "Gauges and Fine Measurements" (1929).
+    `thrust_faces`: the collar of the screw and the face that it turns against are both askew to the axis and touch
+    where they stand out most, so that they are apart by the length of a sum of two arrows, one of which turns: axial
+    runout of thrust bearings in A. H. Slocum, "Precision Machine Design" (1992).
     """
 
     def setup(self) -> None:
@@ -117,6 +140,7 @@ class PeriodicError(Effect):
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._ways = LegMemory(ways_m)
         self.apart = float(self.rng.uniform(0.3, 0.7)) * np.pi  # phase between both flanks
+        self.askew = float(self.rng.uniform(*ASKEW))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the balls of this drive slip."""
@@ -138,6 +162,10 @@ class PeriodicError(Effect):
         elif self.variant == "other_flank":
             down = 0.8 * np.sin(turn + self.apart) + 0.3 * np.sin(2.0 * turn)
             y = np.where(state.direction[:, self.place] < 0.0, down, y)
+        elif self.variant == "thrust_faces":
+            whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+            lifts = self._faces_apart(whole)
+            y = (self._faces_apart(turn) - lifts.mean()) / (2.0 * np.mean(lifts * np.cos(whole)))
         elif self.variant == "universal_joint":
             ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
             y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
@@ -152,6 +180,10 @@ class PeriodicError(Effect):
         elif self.variant == "triangle":
             y = 2.0 / np.pi * np.arcsin(y) * 1.2
         deviation.travel_m[:, self.place] += self.size * y
+
+    def _faces_apart(self, turn: Array) -> Array:
+        """How far both faces are apart (n,), over the tilt of the one that does not turn."""
+        return np.asarray(np.abs(1.0 + self.askew * np.exp(1j * turn)))
 
 
 class Interpolation(Effect):
@@ -170,6 +202,8 @@ class Interpolation(Effect):
     `self_images`: the scale is not parallel to the guide, and the image of its grating changes with the gap and comes
     back at certain distances, as H. F. Talbot, "Facts Relating to Optical Science, No. IV" (1836) found. In between the
     third harmonic of the signals has the opposite sign, and with it the error four times a period.
+    `few_bits`: both signals go through a converter of BITS bits before the arc tangent, which so goes in steps of
+    unequal width: quantisation in W. Kester, "Analog-Digital Conversion" (2004). The RMS is that of a sine of the size.
     """
 
     def setup(self) -> None:
@@ -177,6 +211,8 @@ class Interpolation(Effect):
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.image_m = float(self.rng.uniform(*IMAGES_M))
         self.gap = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.levels = (2**BITS - 1) / 2.0 * float(self.rng.uniform(*FILLS))  # of the signals' amplitude
+        self.rms = float(np.std(self._in_steps(np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False))))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider: the count is wrong, not the slider, but the drive goes by its count."""
@@ -196,12 +232,20 @@ class Interpolation(Effect):
             y = 2.0 * ((phase / (2.0 * np.pi) - HELD * state.direction[:, self.place]) % 1.0) - 1.0
         elif self.variant == "self_images":
             y = np.cos(2.0 * np.pi * q / self.image_m + self.gap) * np.sin(4.0 * phase)
+        elif self.variant == "few_bits":
+            y = math.sqrt(0.5) * self._in_steps(phase) / self.rms
         elif self.variant == "harmonics":
             y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
             middle, half = self.site.drive_range_m(self.place)
             y = np.sin(phase) * (0.5 + 1.2 * np.exp(-(((q - middle) / (0.5 * half)) ** 2)))
         deviation.travel_m[:, self.place] += self.size * y
+
+    def _in_steps(self, phase: Array) -> Array:
+        """Error of the arc tangent (n,) of signals in steps, which lie on either side of zero."""
+        cosine, sine = (np.floor(self.levels * x) + 0.5 for x in (np.cos(phase), np.sin(phase)))
+        error = np.arctan2(sine, cosine) - phase
+        return np.asarray((error + np.pi) % (2.0 * np.pi) - np.pi)
 
     def _harmonics(self, phase: Array) -> Array:
         """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
@@ -233,8 +277,9 @@ EFFECTS = (
             "worn_stretch",
             "pitch_walk",
             "rack_pieces",
+            "sagging_tape",
         ),
-        final="rack_pieces",
+        final="sagging_tape",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -254,8 +299,9 @@ EFFECTS = (
             "universal_joint",
             "slipping_balls",
             "other_flank",
+            "thrust_faces",
         ),
-        final="other_flank",
+        final="thrust_faces",
         reveals="many drive positions off a grid, by variant direction, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
@@ -275,8 +321,9 @@ EFFECTS = (
             "shadow_gratings",
             "coarse_count",
             "self_images",
+            "few_bits",
         ),
-        final="self_images",
+        final="few_bits",
         reveals="many drive positions off a grid, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

@@ -17,7 +17,9 @@ from mock_devices.effects.base import (
     MotionState,
     smooth_curve,
 )
+from mock_devices.effects.bolted_rail import BoltedRail
 from mock_devices.effects.leg_memory import LegMemory, ways_m
+from mock_devices.effects.warming import AIR, lag_behind
 
 FULL_PAYLOAD_KG = 400.0
 FOOT_M = -1.2
@@ -31,6 +33,8 @@ GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; h
 SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # sum of squared speeds: scale of its logarithm; multiple of that at the size
 CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diameters; creep over travel
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
+PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more with a full payload
+TOP, CURLS_K = 0.1, 1.0  # time constant of a slab's top over that of its bottom; difference that gives the size
 PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
 WELL = 8.0  # tau_s over the time in which a well is felt at the foot
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
@@ -57,6 +61,12 @@ class _Guide(Effect):
     `ball_passage`: balls that come under a runner block and leave it tilt it by a short period of the travel: H. Ohta,
     E. Hayashi, "Vibration of Linear Guideway Type Recirculating Linear Ball Bearings" (2000). They have play in their
     channel, so that the period is elsewhere on the way back.
+    `bolt_dips`: each bolt of the rail presses it down by its own torque, so that the line dips at every bolt: P. Majda,
+    "Modeling of Geometric Errors of Linear Guideway and Their Influence on Joint Kinematic Error in Machine Tools"
+    (2012).
+    `off_centre_drive`: the drive does not pull at the centre of the guide's friction, which turns the carriage to one
+    side on its way up and to the other on its way down, the more the more it carries: A. H. Slocum, "Precision Machine
+    Design" (1992).
     """
 
     slope = False
@@ -67,7 +77,7 @@ class _Guide(Effect):
         self.curve = smooth_curve(self.rng, 6)
         self.joint = float(self.rng.uniform(-0.4, 0.4))
         self.waves = self.rng.standard_normal((2, WAVES)) / np.arange(1.0, WAVES + 1.0)
-        _, half = self.site.drive_range_m(self.place)
+        middle, half = self.site.drive_range_m(self.place)
         travel_m = np.linspace(-half, half, 401)
         surface = self._over_blocks(travel_m)
         self.line = np.polyfit(travel_m, surface, 0 if self.slope else 1)  # from which a guide's errors count
@@ -84,6 +94,7 @@ class _Guide(Effect):
         self.phases = self.rng.uniform(0.0, 2.0 * np.pi, 3)
         self.balls_m = float(self.rng.uniform(*BALLS_M))
         self._ways = LegMemory(ways_m)
+        self.bolts = BoltedRail(middle - half, middle + half, self.rng)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the cage creep."""
@@ -116,14 +127,19 @@ class _Guide(Effect):
         bending = (a**3 - a) * m[i] + (b**3 - b) * m[i + 1]
         return np.asarray(a * h[i] + b * h[i + 1] + bending * apart**2 / 6.0)
 
+    def _to_a_side(self, x: Array, payload_kg: Array) -> Array:
+        """How far the carriage leans to the side that its last motion puts it to (n,)."""
+        if self.variant == "off_centre_drive":
+            return np.asarray(PRELOADED + LOADED * payload_kg / FULL_PAYLOAD_KG)
+        worn = np.exp(-(((x - self.joint) / GIB_WORN) ** 2))
+        return np.asarray(GIB_LEFT + (1.0 - GIB_LEFT) * worn)
+
     def error(self, state: MotionState) -> Array:
         q = state.q_m[:, self.place]
         middle, half = self.site.drive_range_m(self.place)
         x = (q - middle) / half
-        if self.variant == "bow":
-            y = 2.0 * x**2 - 1.0
-        elif self.variant == "irregular":
-            y = self.curve(x)
+        if self.variant in ("bow", "irregular"):
+            y = self.curve(x) if self.variant == "irregular" else 2.0 * x**2 - 1.0
         elif self.variant == "with_load":
             y = np.sin(2.0 * np.pi * q / self.values["wavelength_m"] + self.phase)
             y = y * (0.6 + 0.8 * state.payload_kg / FULL_PAYLOAD_KG)
@@ -137,15 +153,16 @@ class _Guide(Effect):
             y = 0.7 * (self._over_blocks(q - middle) - np.polyval(self.line, q - middle)) / self.rms
         elif self.variant == "uneven_supports":
             y = 0.7 * (self._over_supports(q - middle) - np.polyval(self.level, q - middle)) / self.bent_rms
-        elif self.variant == "gib_play":
-            worn = np.exp(-(((x - self.joint) / GIB_WORN) ** 2))
-            y = state.direction[:, self.place] * (GIB_LEFT + (1.0 - GIB_LEFT) * worn)
+        elif self.variant in ("gib_play", "off_centre_drive"):
+            y = state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
         elif self.variant == "creeping_cage":
             cage = 0.5 * q + CREEPS * self._ways.at(state, self.place)[:, 0]
             y = np.sin(2.0 * np.pi * cage[:, None] / self.rollers_m + self.phases).sum(axis=1) / math.sqrt(3.0)
         elif self.variant == "ball_passage":
             ball = 2.0 * np.pi * (q / self.balls_m + BALLS_BACK * (state.direction[:, self.place] < 0.0)) + self.phase
             y = np.sin(ball) + 0.35 * np.sin(2.0 * ball)
+        elif self.variant == "bolt_dips":
+            y = 0.7 * self.bolts.line(q)
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
         else:
@@ -186,7 +203,10 @@ class FoundationSettling(Effect):
     `pumped_well`: water is pumped from a well near by for a while, and the ground sinks with the water's level and
     comes back: the exponential integral of C. V. Theis, "The Relation Between the Lowering of the Piezometric Surface
     and the Rate and Duration of Discharge of a Well Using Ground-Water Storage" (1935). It begins late; the size is
-    that after four times tau_s if the pump still runs then.
+    after four times tau_s if the pump still runs then.
+    `curling_slab`: a gate is opened at the onset, and the slab's top follows the air sooner than its bottom: it curls,
+    and its edges sink while the air grows warmer and rise again: H. M. Westergaard, "Analysis of Stresses in Concrete
+    Pavements Due to Variations of Temperature" (1927). The size is that of CURLS_K from top to bottom.
     """
 
     def setup(self) -> None:
@@ -229,6 +249,10 @@ class FoundationSettling(Effect):
             share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
         elif self.variant == "pumped_well":
             share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
+        elif self.variant == "curling_slab":
+            begins_s = self.site.start_s + self.values["onset_s"]
+            top, bottom = (lag_behind(state, AIR, begins_s, part_s) for part_s in (TOP * tau, tau))
+            share = (top - bottom) / CURLS_K
         elif self.variant == "stick_slip":
             share = (t[:, None] >= self.steps * tau) @ self.shares
         else:
@@ -266,8 +290,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
-        variants=(*_VARIANTS, "creeping_cage"),
-        final="creeping_cage",
+        variants=(*_VARIANTS, "creeping_cage", "bolt_dips"),
+        final="bolt_dips",
         reveals="drive coordinate, by variant direction or distance moved, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
@@ -277,9 +301,9 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
-        variants=(*_VARIANTS, "ball_passage"),
-        final="ball_passage",
-        reveals="drive coordinate, by variant direction, platform rotation; not a slider's SMR",
+        variants=(*_VARIANTS, "ball_passage", "off_centre_drive"),
+        final="off_centre_drive",
+        reveals="drive coordinate, by variant direction and payload, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
     ),
@@ -299,9 +323,10 @@ EFFECTS = (
             "lead_pads",
             "shaken_sand",
             "pumped_well",
+            "curling_slab",
         ),
-        final="pumped_well",
-        reveals="time or motions made, SMRs on the sliders against the floor nests",
+        final="curling_slab",
+        reveals="time or motions made, a temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,
         others=(
             EffectParameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),

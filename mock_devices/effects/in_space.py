@@ -30,6 +30,7 @@ OUTSIDE = (
     "hose_moment", "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "damaged_tooth",
     "hunting", "circle_error", "lobed_joint", "guide_wear",
     "leaning_block", "brake_drop", "bedding_in", "dark_tracks", "creeping_thread", "clipped_beam",
+    "reference_range", "circle_eccentricity", "tilted_axis",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -46,8 +47,8 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
     "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches"),
-    "link_stiffness": ("softer", "softens_with_load", "loosening"),
-    "joint_clearance": ("gravity_seated",),
+    "link_stiffness": ("softer", "softens_with_load", "loosening", "creeping_bond"),
+    "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,
     "link_self_weight": ALL,
     "payload": tuple(v for v in spec_of("payload").variants if v not in OF_PLANE),

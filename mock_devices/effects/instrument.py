@@ -27,6 +27,9 @@ SHAKEN_M2_PER_S2 = 40.0  # sum of squared speeds that moves a stand by the size
 SLIDES_M_PER_S, SLIDES = 0.2, 300.0  # a stop from this speed moves no holder; sum of excesses that moves it by the size
 PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
 BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
+SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
+NEST_PART = "platform"
+NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
 
@@ -58,6 +61,9 @@ class StationDrift(Effect):
     `shaken_stand`: its stand creeps away under what it is pressed by, a little whenever a motion of the machine shakes
     the floor: vibrational displacement in I. I. Blekhman, "Vibrational Mechanics" (2000). It goes with the energy of
     the motions, and the size is reached at a sum of squared speeds.
+    `settling_legs`: the legs of its tripod settle after it was set up, fast at first and then ever more slowly, with
+    the logarithm of time: drift of tripods in D. Nindl, M. Wiebking, "Surveying Tripods: Characteristics and
+    Influences" (2010).
     """
 
     def setup(self) -> None:
@@ -95,6 +101,8 @@ class StationDrift(Effect):
         elif self.variant == "shaken_stand":
             shaken = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._shaken))
             y = np.outer(shaken / SHAKEN_M2_PER_S2, self.weights)
+        elif self.variant == "settling_legs":
+            y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
         elif self.variant == "with_air":
@@ -120,6 +128,9 @@ class Reseat(Effect):
     `sliding_holder`: its magnetic holder slides down its face a little at every stop that is harder than the magnet
     holds, by what the kinetic energy exceeds that: the sliding block of N. M. Newmark, "Effects of Earthquakes on Dams
     and Embankments" (1965). The size is that of some sixty stops from 0.5 m/s after the onset.
+    `warm_nest`: put back into a nest of another material beside its own, it is moved as that grows with the platform's
+    temperature from then on: an offset between materials in A. H. Slocum, "Precision Machine Design" (1992). The size
+    is that of NEST_K.
     """
 
     def setup(self) -> None:
@@ -174,6 +185,12 @@ class Reseat(Effect):
         elif self.variant == "sliding_holder":
             slid = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._stops))
             y = np.outer(slid / SLIDES, self.shifts[0])
+        elif self.variant == "warm_nest":
+            from_s = np.maximum(state.t_s, self.site.start_s + self.values["onset_s"])
+            grown_k = state.thermal.part_series_c(NEST_PART, from_s) - state.thermal.part_series_c(
+                NEST_PART, np.full(len(state), self.site.start_s + self.values["onset_s"])
+            )
+            y = np.outer(grown_k / NEST_K, self.shifts[0])
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -199,8 +216,9 @@ EFFECTS = (
             "flicker",
             "passers_by",
             "shaken_stand",
+            "settling_legs",
         ),
-        final="shaken_stand",
+        final="settling_legs",
         reveals="time or motions made, floor nests",
         make=StationDrift,
     ),
@@ -223,8 +241,9 @@ EFFECTS = (
             "cold_floor",
             "warm_jet",
             "filling_box",
+            "cold_walls",
         ),
-        final="filling_box",
+        final="cold_walls",
         reveals="angles, or ranges, against height and distance, all SMRs and nests alike",
         make=Refraction,
     ),
@@ -243,9 +262,10 @@ EFFECTS = (
             "chip_in_seat",
             "turning_ball",
             "sliding_holder",
+            "warm_nest",
         ),
-        final="sliding_holder",
-        reveals="time or distance and speed moved, one SMR against the others",
+        final="warm_nest",
+        reveals="time or distance and speed moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),

@@ -18,6 +18,7 @@ from mock_devices.effects.strut_ways import swing_rad, way_of_strut
 FULL_PAYLOAD_KG = 400.0
 UNWORN, WORN_RAD = 0.2, 0.15  # play of a worn hole far from where it is worn, over that there; how wide it is worn
 OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
+SEATS_KG = 300.0  # payload whose weight seats a pin against its friction
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -37,6 +38,9 @@ class JointClearance(Effect):
     `worn_hole`: the pin has worn its hole most where the strut's force has mostly pressed it, in the middle of the
     travel, so that the play depends on the strut's angle: S. Mukras, N. H. Kim, N. A. Mauntler, T. L. Schmitz, W. G.
     Sawyer, "Analysis of Planar Multibody Systems With Revolute Joint Wear" (2010).
+    `friction_held`: friction holds the pin on the side to which the last motion has pushed it, as long as it is
+    stronger than weight, which seats it on one side: pins at a wall of their clearance in R. S. Haines, "Survey:
+    2-Dimensional Motion and Impact at Revolute Joints" (1980).
     """
 
     def setup(self) -> None:
@@ -58,6 +62,11 @@ class JointClearance(Effect):
             steep = (way_of_strut(machine, i, state.q_m) * down.conjugate()).real / machine.struts[i].length_m
             rested_s = state.since_s[:, machine.struts[i].drive]
             deviation.length_m[:, i] += c * steep * _sunk(rested_s / self.sinks_s)
+            return
+        if self.variant == "friction_held":
+            pushed = state.direction[:, self.site.machine.struts[i].drive]
+            seated = np.minimum(state.payload_kg / SEATS_KG, 1.0) * np.abs(pushed)
+            deviation.length_m[:, i] += c * (pushed + (1.0 - pushed) * seated)
             return
         if self.variant == "soft_contact":
             law = dead_zone(c, 0.5 * c)

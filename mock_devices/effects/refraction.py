@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mock_devices.effects.base import Array, Effect, MotionState, StationSight
+from mock_devices.effects.warming import AIR, lag_behind
 
 LIGHT_PER_K = -0.93e-6  # refractive index of air against temperature
 RANGE = ("index_offset", "index_fixed", "index_late")
@@ -21,6 +22,7 @@ EDDIES_M2_PER_S = (1.0e-4, 6.0e-4)  # how fast eddies carry heat upwards
 FRONT_M, FRONT_HALF_M = (2.5, -1.5), 0.25  # ceiling and floor against the station; half of a front's thickness
 FILLS_S = (600.0, 2500.0)  # time constant of warm air that fills a room
 ABOVE = 0.3  # gradient above the front, over that in it
+WALLS_S, WALLS_K = (3000.0, 8000.0), 1.5  # time constant of walls; what they lag behind by for the whole gradient
 JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of the line before it, width, half height
 JET_M = (-0.25, 0.05)  # its middle above the station
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
@@ -48,6 +50,9 @@ class Refraction(Effect):
     `filling_box`: warm air that has risen from a machine gathers under the ceiling and fills the room from there; its
     lower front sinks as (1 + t / T)^(-3/2) from ceiling to floor: W. D. Baines, J. S. Turner, "Turbulent Buoyant
     Convection From a Source in a Confined Region" (1969). The gradient is that in the front; it is less above it.
+    `cold_walls`: walls of the hall on one side lag behind its air, and the air is cooler towards them while it grows
+    warmer, the other way round while it cools: gradients to the side in W. T. Estler, K. L. Edmundson, G. N. Peggs, D.
+    H. Parker, "Large-Scale Metrology: An Update" (2002). The gradient is that of walls which lag behind by WALLS_K.
     """
 
     def setup(self) -> None:
@@ -55,6 +60,7 @@ class Refraction(Effect):
         self.eddies = float(np.exp(self.rng.uniform(*np.log(EDDIES_M2_PER_S))))
         self.jet_m = float(self.rng.uniform(*JET_M))
         self.fills_s = float(self.rng.uniform(*FILLS_S))
+        self.walls_s = float(self.rng.uniform(*WALLS_S))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Bend the line of sight, or stretch it."""
@@ -81,6 +87,9 @@ class Refraction(Effect):
             sight.v_rad += bend * (1.0 + 1.5 * height)
         elif self.variant == "warming":
             sight.v_rad += bend * (1.0 - np.exp(-self.elapsed_s(state) / 2400.0))[:, None]
+        elif self.variant == "cold_walls":
+            colder_k = -lag_behind(state, AIR, self.site.start_s, self.walls_s)
+            sight.hz_rad -= bend * colder_k[:, None] / WALLS_K
         elif self.variant == "sideways":  # warmer on one side of the room
             sight.hz_rad -= bend
         elif self.variant == "plume":  # warm air rises in front of the right column

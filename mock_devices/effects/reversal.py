@@ -14,6 +14,7 @@ from mock_devices.effects.base import (
     EffectSpec,
     Leg,
     MotionState,
+    Site,
     StatefulEffect,
 )
 from mock_devices.effects.leg_memory import LegMemory, ways_m
@@ -26,6 +27,8 @@ LEAD_ANGLE_RAD = math.radians(5.0)
 REFERENCE_SPEED_M_PER_S = 0.5
 NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # a nut's warmth: decay; mean speed at which it is one; play closed
 REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, travel; share of friction without structure
+GAP_PER_K = 0.25  # of a play, by which housing and screw change it together
+VOGEL_K, VOGEL_C = 1000.0, -95.0  # of an oil for gears, at 20 degrees
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
@@ -63,6 +66,9 @@ class Backlash(_Play):
     `runs_on`: when its drive stops, the slider's inertia carries it on through the play, as far as its kinetic energy
     lasts: motion within clearances in S. Dubowsky, F. Freudenstein, "Dynamic Analysis of Mechanical Systems With
     Clearances" (1971). It stays behind after a slow approach, and from CARRIES_M_PER_S on it lies at the other flank.
+    `temperature_gap`: housing and screw are of different metals, and the play between them opens or closes, by lot,
+    with the drive's temperature: clearance and temperature in A. H. Slocum, "Precision Machine Design" (1992). The size
+    is that at the reference temperature.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -109,6 +115,7 @@ class Backlash(_Play):
             self.half_m += 8.0e-3
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.rise_m = float(np.exp(self.rng.uniform(*np.log(RISE_M))))
+        self.opens_per_k = GAP_PER_K * float(self.rng.choice([-1.0, 1.0]))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Let the slider stay behind."""
@@ -128,6 +135,8 @@ class Backlash(_Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
+        elif self.variant == "temperature_gap":
+            offset = offset * np.maximum(1.0 + self.opens_per_k * above_reference_k(self.site, state), 0.0)
         elif self.variant == "runs_on":
             energy = (state.speed_m_per_s[:, a] / CARRIES_M_PER_S) ** 2
             offset = offset * (1.0 - 2.0 * np.minimum(energy, 1.0))
@@ -139,6 +148,11 @@ class Backlash(_Play):
         elif self.variant == "soft":
             offset = offset * (1.0 - 0.5 * np.abs(self.side(state, a)) + 0.5 * self.side(state, a) ** 2)
         deviation.travel_m[:, a] += offset
+
+
+def above_reference_k(site: Site, state: MotionState) -> Array:
+    """Temperature that the drives' sensor shows above the machine's reference (n,)."""
+    return state.parts_c[site.machine.expansion["drives"].sensor] - site.machine.reference_temperature_c
 
 
 class FrictionWindup(_Play):
@@ -156,6 +170,8 @@ class FrictionWindup(_Play):
     `guide_pressed`: dry friction of the guide, which goes with what the struts press the carriage against it, by their
     angle and the payload: friction and pressure in C. A. Coulomb, "Théorie des machines simples" (1785). `friction_n`
     is that in the middle of all travels without payload.
+    `ambient_viscosity`: oil that is as warm as the drive's sensor says rubs by its viscosity: H. Vogel, "Das
+    Temperaturabhängigkeitsgesetz der Viskosität von Flüssigkeiten" (1921). `friction_n` is that at the reference.
     """
 
     def setup(self) -> None:
@@ -203,6 +219,10 @@ class FrictionWindup(_Play):
             before = np.array([self._structure[a][k] for k in state.leg[:, a].tolist()])
             left = before * np.exp(-np.abs(state.q_m[:, a] - state.from_m[:, a]) / SHEARED_M)
             friction = friction * (LEAST + (1.0 - LEAST) * left)
+        elif self.variant == "ambient_viscosity":
+            reference_c = self.site.machine.reference_temperature_c
+            now_c = reference_c + above_reference_k(self.site, state)
+            friction = friction * np.exp(VOGEL_K / (now_c - VOGEL_C) - VOGEL_K / (reference_c - VOGEL_C))
         elif self.variant == "guide_pressed":
             own_kg = self.site.machine.moving_mass_kg
             pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
@@ -256,9 +276,11 @@ EFFECTS = (
             "squeeze_film",
             "warm_nut",
             "runs_on",
+            "temperature_gap",
         ),
-        final="runs_on",
-        reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, earlier motions",
+        final="temperature_gap",
+        reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, temperature, earlier "
+        "motions",
         make=Backlash,
         others=(_TAU,),
     ),
@@ -267,9 +289,17 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
-        variants=(*FRICTION_VARIANTS, "palmgren", "flanks", "warming_grease", "thixotropic", "guide_pressed"),
-        final="guide_pressed",
-        reveals="torque: both directions and payloads; by variant speed, dwell, pose, earlier motions",
+        variants=(
+            *FRICTION_VARIANTS,
+            "palmgren",
+            "flanks",
+            "warming_grease",
+            "thixotropic",
+            "guide_pressed",
+            "ambient_viscosity",
+        ),
+        final="ambient_viscosity",
+        reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, earlier motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,
     ),

@@ -14,6 +14,7 @@ BEARING_FIN_M = 0.35
 BEARING_M_PER_S = 0.5
 CELLS = 46  # of a screw
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
+NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
     0.25,
@@ -39,6 +40,9 @@ class ScrewGrowth(StatefulEffect):
     `chilled`: motion warms it, and a chiller sends coolant through its bore once it is too warm until it is cool, so
     that its length goes up and down like the level under a two-point controller in W. Oppelt, "Kleines Handbuch
     technischer Regelvorgänge" (1954). The size is the warmth at which the chiller starts.
+    `nut_then_screw`: friction warms the nut, and the nut warms the screw, which goes on growing after a motion: the nut
+    as a source of heat in S. K. Kim, D. W. Cho, "Real-Time Estimation of Temperature Distribution in a Ball-Screw
+    System" (1997), here with one temperature each.
     """
 
     def setup(self) -> None:
@@ -48,6 +52,9 @@ class ScrewGrowth(StatefulEffect):
         self._cells = [np.zeros(CELLS)]
         share = START_S / self.values["tau_s"] / START_M_PER_S
         self._chilled = ChilledMemory(self.values["tau_s"])
+        per_m = 1.0 / (DUTY_M_PER_S * self.values["tau_s"])
+        fades_s = (self.values["tau_s"], NUT * self.values["tau_s"])
+        self._through_nut = LegMemory(lambda way, _speed, _: per_m * np.abs(way), *fades_s)
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -60,6 +67,8 @@ class ScrewGrowth(StatefulEffect):
             self._starts.record(leg)
         if self.variant == "chilled" and drive == self.place:
             self._chilled.record(leg)
+        if self.variant == "nut_then_screw" and drive == self.place:
+            self._through_nut.record(leg)
 
     def _warmed(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
         """Warmth (n, cells) at t_s; each pass of a cell leaves in it what it would leave in a screw run all over."""
@@ -111,6 +120,11 @@ class ScrewGrowth(StatefulEffect):
         if self.variant == "chilled":
             way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
             deviation.travel_m[:, a] += alpha * self.size * self._chilled.at(state, a) * way_m
+            return
+        if self.variant == "nut_then_screw":
+            way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
+            screw, nut = self._through_nut.at(state, a).T
+            deviation.travel_m[:, a] += alpha * self.size * (screw - nut) / (1.0 - NUT) * way_m
             return
         way = np.abs(state.q_m[:, a] - state.from_m[:, a]) * self._friction(state.speed_m_per_s[:, a])
         age = state.t_s - state.leg_start_s[:, a]

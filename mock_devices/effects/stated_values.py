@@ -1,4 +1,4 @@
-"""What is stated of the rig and not so: expansion, payloads, tables that are off."""
+"""What is stated of the rig and not so: expansion, payloads, and that its tables are off."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from mock_devices.effects.base import (
     EffectSpec,
     MotionState,
 )
+from mock_devices.effects.tables_left_on import TablesLeftOn
 from mock_devices.effects.warming import lag_behind
-from mock_devices.known_tables import KnownTable, draw_known_tables
 
 FULL_PAYLOAD_KG = 400.0
 LEVER_M = 0.5
 NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature is as large as the straight one
-TABLES_K = 2.0
 LATE_S = 2400.0
 SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period, time constant, speed
-MOVED_M = (0.08, 0.2)  # how far a zero was moved after the tables were taken
+LIGHT_METAL = 4.0  # how far light metal is off from steel, over one steel from another
+CHIPS_S = 3600.0  # in which the whole size has gathered
 _GRID_S = 30.0
 
 
@@ -44,6 +44,8 @@ class ExpansionCoefficient(Effect):
     constant LATE_S.
     `two_batches`: every other strut, drawn by lot, is of another batch of steel, whose coefficient differs, as those of
     gauge blocks do in T. Doiron, J. Beers, "The Gauge Block Handbook" (1995). The others grow as stated.
+    `platform_metal`: the platform is of light metal, with a coefficient that is LIGHT_METAL times the size beyond the
+    stated one of steel, and grows with its joints and reflectors: A. H. Slocum, "Precision Machine Design" (1992).
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -75,6 +77,9 @@ class ExpansionCoefficient(Effect):
             strain = self.size * self.warmth_k(state, "struts")
             lengths_m = np.array([strut.length_m for strut in self.site.machine.struts])
             deviation.length_m += np.outer(strain, self.batch * lengths_m)
+            return
+        if self.variant == "platform_metal":
+            self._grow_platform(LIGHT_METAL * self.size * self.warmth_k(state, "platform"), deviation)
             return
         if self.variant == "bimetal":
             self._bend(state, deviation)
@@ -115,6 +120,13 @@ class ExpansionCoefficient(Effect):
                     deviation.smr_m[:, i, 0] += arm.real
                     deviation.smr_m[:, i, 1] += arm.imag
 
+    def _grow_platform(self, strain: Array, deviation: Deviation) -> None:
+        for i, strut in enumerate(self.site.machine.struts):
+            deviation.platform_joint_m[:, i] += strain * strut.platform_joint
+        for i, smr in enumerate(self.site.machine.smrs):
+            if smr.on == "platform":
+                deviation.smr_m[:, i] += np.outer(strain, smr.position_m)
+
     def _late_k(self, state: MotionState) -> Array:
         """The part of the temperature's change since the beginning that the creep has followed (n,), in kelvin."""
         sensor = self.site.machine.expansion["struts"].sensor
@@ -148,6 +160,9 @@ class Payload(Effect):
     `hanging_chain`: a chain that was left on the block lies on the floor, but for what the platform has lifted, and
     that goes with its height: A. Cayley, "On a Class of Dynamical Problems" (1857). The size is the mass lifted in
     the middle of all travels.
+    `gathering_chips`: chips that fall onto the platform stay there, with any payload or none, evenly from the
+    campaign's begin: chips that remain in a machine in K. Weinert, I. Inasaki, J. W. Sutherland, T. Wakabayashi, "Dry
+    Machining and Minimum Quantity Lubrication" (2004). The size is that after CHIPS_S.
     """
 
     def setup(self) -> None:
@@ -172,6 +187,8 @@ class Payload(Effect):
             extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
         elif self.variant == "hanging_chain":
             extra_kg = 2.0 * self.size * mounted * self._lifted(state)
+        elif self.variant == "gathering_chips":
+            extra_kg = self.size * self.elapsed_s(state) / CHIPS_S
         elif self.variant == "draining":
             extra_kg = self.size * mounted * np.maximum(1.0 - self.elapsed_s(state) / self.empty_s, 0.0) ** 2
         elif self.variant == "tool_left_on":
@@ -196,81 +213,6 @@ def _sloshed(state: MotionState) -> Array:
     return np.asarray(sideways * np.exp(-rested_s / CALMS_S) * np.cos(2.0 * np.pi * rested_s / SLOSHES_S))
 
 
-class TablesLeftOn(Effect):
-    """Tables of one generation are active though the drives say that they are off; `weight_ratio` 1 is the whole table.
-
-    The tables are those on record for the rig, or drawn ones without any on record. `bidirectional`: tables apart for
-    each direction of travel, as in FANUC A-77810E, "Bidirectional Pitch Error Compensation Function" (1999).
-    `pulses`: a control that does not interpolate gives out a correction where the drive passes a node and holds it up
-    to the next: stored pitch error compensation in FANUC B-63943EN-1, "Connection Manual (Function)" (2003).
-    `by_temperature`: tables for a warm machine, weighted by how much warmer than the reference the columns are: errors
-    over place and temperature in M. A. Donmez, D. S. Blomquist, R. J. Hocken, C. R. Liu, M. M. Barash, "A General
-    Methodology for Machine Tool Accuracy Enhancement by Error Compensation" (1986). The size is that of TABLES_K.
-    `multiplied`: tables against sag, multiplied by a table over the other axis, from nothing at its lower end to twice
-    the size at its upper one: Siemens, "SINUMERIK 840D sl/828D: Extended Functions" (2013).
-    `moved_zero`: the zero of every drive was moved after the tables had been taken, as happens when an encoder is
-    exchanged, and they correct beside the place that they are for: numerical compensation in ISO/TR 16907, "Machine
-    Tools: Numerical Compensation of Geometric Errors" (2015).
-    """
-
-    def setup(self) -> None:
-        """Which generation, which drive of variant `one_drive`, and how far zeros were moved."""
-        tables = self.site.known_tables or draw_known_tables(self.site.machine, self.rng)
-        generations = sorted({table.generation for table in tables})
-        first = int(self.rng.integers(len(generations)))
-        self.active = self._of(tables, generations[first])
-        self.backward = self._of(tables, generations[(first + 1) % len(generations)])
-        drives = len(self.site.machine.sliders)
-        self.drive = int(self.rng.integers(drives))
-        self.moved_m = self.rng.uniform(*MOVED_M, drives) * self.rng.choice([-1.0, 1.0], drives)
-
-    def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
-        return {table.drive: table for table in tables if table.generation == generation}
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Correct the commands."""
-        on = np.full(len(state), self.size)
-        if self.variant == "switched":
-            on = on * (state.t_s - self.site.start_s >= self.values["onset_s"])
-        elif self.variant == "by_temperature":
-            machine = self.site.machine
-            warmer_k = state.parts_c[machine.expansion["drives"].sensor] - machine.reference_temperature_c
-            on = on * warmer_k / TABLES_K
-        for a in range(len(self.site.machine.sliders)):
-            if self.variant == "one_drive" and a != self.drive:
-                continue
-            correction_m = self._correction_m(self.active, state, a)
-            if self.variant == "bidirectional":
-                backward = self._correction_m(self.backward, state, a)
-                correction_m = np.where(state.direction[:, a] < 0.0, backward, correction_m)
-            if self.variant == "multiplied":
-                b = (a + 1) % len(self.site.machine.sliders)
-                middle, half = self.site.drive_range_m(b)
-                correction_m = correction_m * (1.0 + (state.q_m[:, b] - middle) / half)
-            deviation.travel_m[:, a] += on * correction_m
-
-    def _correction_m(self, tables: dict[str, KnownTable], state: MotionState, a: int) -> Array:
-        names = [slider.name for slider in self.site.machine.sliders]
-        table = tables.get(names[a])
-        if table is None:
-            return np.zeros(len(state))
-        partner = state.q_m[:, names.index(table.partner)] if table.partner else np.zeros(len(state))
-        own = state.q_m[:, a]
-        if self.variant == "moved_zero":
-            own = own + self.moved_m[a]
-        if self.variant == "pulses":
-            own, partner = _passed(table.own_m, own), _passed(table.partner_m, partner)
-        return table.correction_m(own, partner)
-
-
-def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
-    """The node at or below each position (n,), the first one below all of them; positions without nodes stay."""
-    if not nodes_m:
-        return at_m
-    nodes = np.array(nodes_m)
-    return np.asarray(nodes[np.maximum(np.searchsorted(nodes, at_m, side="right") - 1, 0)])
-
-
 ONSET = EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin")
 
 EFFECTS = (
@@ -288,8 +230,9 @@ EFFECTS = (
             "nickel_steel",
             "late_growth",
             "two_batches",
+            "platform_metal",
         ),
-        final="two_batches",
+        final="platform_metal",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
@@ -298,8 +241,18 @@ EFFECTS = (
         kind="catalogue",
         place="rig",
         size=EffectParameter("mass_kg", 0.5, 20.0, 8000.0, "beyond the stated one, or 0.5 m beside it"),
-        variants=("mass", "centre", "swapped", "tool_left_on", "draining", "hourglass", "sloshing", "hanging_chain"),
-        final="hanging_chain",
+        variants=(
+            "mass",
+            "centre",
+            "swapped",
+            "tool_left_on",
+            "draining",
+            "hourglass",
+            "sloshing",
+            "hanging_chain",
+            "gathering_chips",
+        ),
+        final="gathering_chips",
         reveals="payloads, torque; by variant time, dwell, height",
         make=Payload,
     ),
@@ -317,8 +270,9 @@ EFFECTS = (
             "by_temperature",
             "multiplied",
             "moved_zero",
+            "both_generations",
         ),
-        final="moved_zero",
+        final="both_generations",
         reveals="both drives' coordinates, known tables, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),

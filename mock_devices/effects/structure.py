@@ -29,6 +29,8 @@ LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
 BOLTS_M, AT_BOLTS = 0.24, 0.2  # spacing on a rail; its compliance at a bolt over that midway between two
 BUCKLES_N = (3000.0, 12000.0)  # force at which a bowed strut would buckle
 AT_ONCE, BED_S = 0.4, (6.0, 20.0)  # of a rail on resin: share of its compliance at once; time constant of the rest
+BOND, BOND_S = 0.3, (4.0, 12.0)  # of a bonded end: share of its compliance at once; time constant of the rest
+FOOT_M = -1.2
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
@@ -51,6 +53,9 @@ class ColumnCompliance(Effect):
     `resin_bed`: the resin under the rail gives way by a part at once and creeps by the rest where the carriage comes to
     stand, a standard linear solid of J. D. Ferry, "Viscoelastic Properties of Polymers" (1961). The size is that after
     long rest.
+    `rocking_foot`: the joint between foot and foundation turns, so that the carriage gives way with the square of its
+    height and turns with the column: joints of a machine in D. N. Reshetov, V. T. Portman, "Accuracy of Machine Tools"
+    (1988).
     """
 
     def setup(self) -> None:
@@ -85,6 +90,11 @@ class ColumnCompliance(Effect):
         elif self.variant == "resin_bed":
             crept = 1.0 - np.exp(-state.since_s[:, a] / self.creeps_s)
             deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_ONCE + (1.0 - AT_ONCE) * crept)
+        elif self.variant == "rocking_foot":
+            strut = next(s for s in self.site.machine.struts if s.drive == a)
+            foot_m = FOOT_M - strut.base_joint.imag  # by the drive's coordinate
+            deviation.carriage_compliance[:, a, _ACROSS] += c * ((state.q_m[:, a] - foot_m) / (middle - foot_m)) ** 2
+            deviation.carriage_compliance[:, a, _YAW] += c / (middle - foot_m) ** 2
         elif self.variant == "portal":
             share = 0.5 + 0.5 * (state.q_m[:, a] - middle) / (half + PORTAL_M)
             deviation.carriage_compliance[:, a, _ACROSS] += c * (4.0 * share * (1.0 - share)) ** 3
@@ -111,12 +121,16 @@ class LinkStiffness(Effect):
     `bowed`: a strut that is not straight is stretched straight by tension and bent further by compression, towards the
     force at which it would buckle: W. E. Ayrton, J. Perry, "On Struts" (1886). exp(-size) is the ratio of stiffness
     without force.
+    `creeping_bond`: the adhesive of a bonded end gives way by a part at once and by the rest as it creeps after each
+    motion, a standard linear solid: N. W. Tschoegl, "The Phenomenological Theory of Linear Viscoelastic Behavior"
+    (1989). exp(-size) is the ratio of stiffness after long rest.
     """
 
     def setup(self) -> None:
         """How little the joint of variant `joint_separates` is preloaded, and what a bowed strut would carry."""
         self.preload_n = float(self.rng.uniform(*LOOSE_N))
         self.buckles_n = float(self.rng.uniform(*BUCKLES_N))
+        self.creeps_s = float(self.rng.uniform(*BOND_S))
         self._swings = LegMemory(motions)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -141,6 +155,10 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= np.log1p(
                 np.expm1(x) * np.sin(swing_rad(self.site.machine, i, state.q_m)) ** 2
             )
+        elif self.variant == "creeping_bond":
+            rested_s = state.since_s[:, self.site.machine.struts[i].drive]
+            crept = 1.0 - (1.0 - BOND) * np.exp(-rested_s / self.creeps_s)
+            deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * crept)
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
         elif self.variant == "yielding":
@@ -175,8 +193,9 @@ EFFECTS = (
             "ball_nut",
             "rail_between_bolts",
             "resin_bed",
+            "rocking_foot",
         ),
-        final="resin_bed",
+        final="rocking_foot",
         reveals="payload, SMRs on the sliders, height; by variant dwell",
         make=ColumnCompliance,
     ),
@@ -196,9 +215,10 @@ EFFECTS = (
             "fork_bearing",
             "loosening",
             "bowed",
+            "creeping_bond",
         ),
-        final="bowed",
-        reveals="payload, pose; by variant the number of motions",
+        final="creeping_bond",
+        reveals="payload, pose; by variant dwell, the number of motions",
         make=LinkStiffness,
     ),
     EffectSpec(
@@ -217,9 +237,10 @@ EFFECTS = (
             "spring_seated",
             "oil_journal",
             "worn_hole",
+            "friction_held",
         ),
-        final="worn_hole",
-        reveals="poses where the strut's force changes its sign, payload; by variant dwell",
+        final="friction_held",
+        reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction",
         make=JointClearance,
     ),
 )

@@ -26,6 +26,7 @@ FRONT_M, HEAD_M = 0.5, 0.2  # how deep heat has gone after tau_s; from the end o
 JOINT, PLATE = 0.2, 0.1  # time constants of a strut's joint and across a column, over that of the whole part
 JOINT_M_PER_S = 0.5
 HEATER_M = 0.35  # from a radiant heater to the strut before it
+SUN_BEGINS_S, SUN_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of sun on a column's face
 THIN_WALL = 0.15  # time constant of a column's thin wall over that of its thick one
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -68,6 +69,8 @@ class LinkGrowth(_Warming):
     `radiant_heater`: a heater beside the column shines on the strut when its drive stands before it; what falls on the
     strut goes with the cosine over the square of the distance: J. H. Lambert, "Photometria" (1760). `rise_k` is where
     it ends right before the heater, which it nears with tau_s; away from there it cools.
+    `rubbing_joint`: its joint runs dry, and the heat of its friction goes with the way alone, however fast: C. A.
+    Coulomb, "Théorie des machines simples" (1785). `rise_k` is where it ends at a mean of 0.01 m/s of its drive.
     """
 
     def setup(self) -> None:
@@ -76,6 +79,7 @@ class LinkGrowth(_Warming):
         tau = self.values["tau_s"]
         per_m = 1.0 / (DUTY_M_PER_S * JOINT_M_PER_S * tau)
         self._heat = LegMemory(lambda way, speed, _: per_m * np.abs(way) * speed, tau, JOINT * tau)
+        self._rubbed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), tau, JOINT * tau)
         middle, half = self.site.drive_range_m(self.site.machine.struts[self.place].drive)
         self.heater_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
         self._shone_on = PlaceMemory(self.shines, tau)
@@ -90,6 +94,8 @@ class LinkGrowth(_Warming):
             return
         if self.variant == "joint_heat":
             self._heat.record(leg)
+        elif self.variant == "rubbing_joint":
+            self._rubbed.record(leg)
         elif self.variant == "radiant_heater":
             self._shone_on.record(leg)
 
@@ -97,9 +103,10 @@ class LinkGrowth(_Warming):
         """The temperature above the sensor (n,)."""
         if self.variant == "radiant_heater":
             return self.size * self._shone_on.at(state, self.site.machine.struts[self.place].drive)
-        if self.variant != "joint_heat":
+        if self.variant not in ("joint_heat", "rubbing_joint"):
             return super().rise_k(state)
-        whole, joint = self._heat.at(state, self.site.machine.struts[self.place].drive).T
+        memory = self._heat if self.variant == "joint_heat" else self._rubbed
+        whole, joint = memory.at(state, self.site.machine.struts[self.place].drive).T
         return np.asarray(self.size * (whole - joint) / (1.0 - JOINT))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -121,6 +128,8 @@ class ColumnGrowth(_Warming):
     `two_walls`: its thin wall follows the air sooner than its thick one, so that it bends after every change of the
     air, one way and back: M. Weck, P. McKeown, R. Bonse, U. Herbst, "Reduction and Compensation of Thermal Errors in
     Machine Tools" (1995). The thick wall has tau_s; 1 is a size at which the difference of both walls acts as it is.
+    `sun_on_face`: the sun comes through a window and wanders over one face, which is warmer than the other until it has
+    cooled again: among the influences of the surroundings in J. Mayr et al., "Thermal Issues in Machine Tools" (2012).
     """
 
     sensor = "columns"
@@ -130,6 +139,8 @@ class ColumnGrowth(_Warming):
         """The heat of the rail: averaged over the column, and in what bends it."""
         super().setup()
         tau = self.values["tau_s"]
+        self.sun_begins_s = float(self.rng.uniform(*SUN_BEGINS_S))
+        self.sun_lasts_s = float(self.rng.uniform(*SUN_LASTS_S))
         fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
         self._heat = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), *fades_s)
 
@@ -137,6 +148,13 @@ class ColumnGrowth(_Warming):
         """Let the carriage warm its rail."""
         if self.variant == "rail_heat" and drive == self.place:
             self._heat.record(leg)
+
+    def _shone_on(self, elapsed_s: Array) -> Array:
+        """Warmth (n,) of a face under a half sine of sunshine, and as it cools after that."""
+        tau, lasts_s = self.values["tau_s"], self.sun_lasts_s
+        under_s = np.clip(elapsed_s - self.sun_begins_s, 0.0, lasts_s)
+        after_s = np.maximum(elapsed_s - self.sun_begins_s - lasts_s, 0.0)
+        return cycled(under_s, tau, 2.0 * lasts_s) * np.exp(-after_s / tau)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with the column."""
@@ -159,6 +177,11 @@ class ColumnGrowth(_Warming):
             deviation.travel_m[:, self.place] += left[:, 0] * height
             deviation.sideways_m[:, self.place] += 0.5 * slope / self.width_m * height**2
             deviation.yaw_rad[:, self.place] += slope / self.width_m * height
+        elif self.variant == "sun_on_face":
+            warmer = alpha * self.size * self._shone_on(self.elapsed_s(state))
+            deviation.travel_m[:, self.place] += 0.5 * warmer * height
+            deviation.sideways_m[:, self.place] += 0.5 * warmer / self.width_m * height**2
+            deviation.yaw_rad[:, self.place] += warmer / self.width_m * height
         elif self.variant == "two_walls":
             start_s, tau = self.site.start_s, self.values["tau_s"]
             thin, thick = (lag_behind(state, AIR, start_s, part_s) for part_s in (THIN_WALL * tau, tau))
@@ -208,16 +231,28 @@ EFFECTS = (
             "cycling_air",
             "joint_heat",
             "radiant_heater",
+            "rubbing_joint",
         ),
-        "radiant_heater",
+        "rubbing_joint",
         "time, a temperature swing; by variant travel, speed and place",
         LinkGrowth,
     ),
     _spec(
         "column_thermal_growth",
         "drive",
-        ("warm_up", "bending", "lagging", "stratified", "fin", "soaking", "motor_above", "rail_heat", "two_walls"),
-        "two_walls",
+        (
+            "warm_up",
+            "bending",
+            "lagging",
+            "stratified",
+            "fin",
+            "soaking",
+            "motor_above",
+            "rail_heat",
+            "two_walls",
+            "sun_on_face",
+        ),
+        "sun_on_face",
         "time or distance moved, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
@@ -233,8 +268,9 @@ EFFECTS = (
             "where_it_ran",
             "motor_starts",
             "chilled",
+            "nut_then_screw",
         ),
-        "chilled",
+        "nut_then_screw",
         "time and distance moved, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),

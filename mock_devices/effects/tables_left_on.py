@@ -1,0 +1,90 @@
+"""Compensation tables that are active though the drives say that they are off."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Deviation, Effect, MotionState
+from mock_devices.known_tables import KnownTable, draw_known_tables
+
+TABLES_K = 2.0
+MOVED_M = (0.08, 0.2)  # how far a zero was moved after the tables were taken
+
+
+class TablesLeftOn(Effect):
+    """Tables of one generation are active though the drives say that they are off; `weight_ratio` 1 is the whole table.
+
+    The tables are those on record for the rig, or drawn ones without any on record. `bidirectional`: tables apart for
+    each direction of travel, as in FANUC A-77810E, "Bidirectional Pitch Error Compensation Function" (1999).
+    `pulses`: a control that does not interpolate gives out a correction where the drive passes a node and holds it up
+    to the next: stored pitch error compensation in FANUC B-63943EN-1, "Connection Manual (Function)" (2003).
+    `by_temperature`: tables for a warm machine, weighted by how much warmer than the reference the columns are: errors
+    over place and temperature in M. A. Donmez, D. S. Blomquist, R. J. Hocken, C. R. Liu, M. M. Barash, "A General
+    Methodology for Machine Tool Accuracy Enhancement by Error Compensation" (1986). The size is that of TABLES_K.
+    `multiplied`: tables against sag, multiplied by a table over the other axis, from nothing at its lower end to twice
+    the size at its upper one: Siemens, "SINUMERIK 840D sl/828D: Extended Functions" (2013).
+    `moved_zero`: the zero of every drive was moved after the tables had been taken, as happens when an encoder is
+    exchanged, and they correct beside the place that they are for: numerical compensation in ISO/TR 16907, "Machine
+    Tools: Numerical Compensation of Geometric Errors" (2015).
+    `both_generations`: new tables, taken without any, were entered beside the old ones, which another part of the
+    control still adds, so that every drive is corrected twice: levels of compensation in ISO/TR 16907 (2015).
+    """
+
+    def setup(self) -> None:
+        """Which generation, which drive of variant `one_drive`, and how far zeros were moved."""
+        tables = self.site.known_tables or draw_known_tables(self.site.machine, self.rng)
+        generations = sorted({table.generation for table in tables})
+        first = int(self.rng.integers(len(generations)))
+        self.active = self._of(tables, generations[first])
+        self.backward = self._of(tables, generations[(first + 1) % len(generations)])
+        drives = len(self.site.machine.sliders)
+        self.drive = int(self.rng.integers(drives))
+        self.moved_m = self.rng.uniform(*MOVED_M, drives) * self.rng.choice([-1.0, 1.0], drives)
+
+    def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
+        return {table.drive: table for table in tables if table.generation == generation}
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Correct the commands."""
+        on = np.full(len(state), self.size)
+        if self.variant == "switched":
+            on = on * (state.t_s - self.site.start_s >= self.values["onset_s"])
+        elif self.variant == "by_temperature":
+            machine = self.site.machine
+            warmer_k = state.parts_c[machine.expansion["drives"].sensor] - machine.reference_temperature_c
+            on = on * warmer_k / TABLES_K
+        for a in range(len(self.site.machine.sliders)):
+            if self.variant == "one_drive" and a != self.drive:
+                continue
+            correction_m = self._correction_m(self.active, state, a)
+            if self.variant == "bidirectional":
+                backward = self._correction_m(self.backward, state, a)
+                correction_m = np.where(state.direction[:, a] < 0.0, backward, correction_m)
+            if self.variant == "both_generations":
+                correction_m = correction_m + self._correction_m(self.backward, state, a)
+            if self.variant == "multiplied":
+                b = (a + 1) % len(self.site.machine.sliders)
+                middle, half = self.site.drive_range_m(b)
+                correction_m = correction_m * (1.0 + (state.q_m[:, b] - middle) / half)
+            deviation.travel_m[:, a] += on * correction_m
+
+    def _correction_m(self, tables: dict[str, KnownTable], state: MotionState, a: int) -> Array:
+        names = [slider.name for slider in self.site.machine.sliders]
+        table = tables.get(names[a])
+        if table is None:
+            return np.zeros(len(state))
+        partner = state.q_m[:, names.index(table.partner)] if table.partner else np.zeros(len(state))
+        own = state.q_m[:, a]
+        if self.variant == "moved_zero":
+            own = own + self.moved_m[a]
+        if self.variant == "pulses":
+            own, partner = _passed(table.own_m, own), _passed(table.partner_m, partner)
+        return table.correction_m(own, partner)
+
+
+def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
+    """The node at or below each position (n,), the first one below all of them; positions without nodes stay."""
+    if not nodes_m:
+        return at_m
+    nodes = np.array(nodes_m)
+    return np.asarray(nodes[np.maximum(np.searchsorted(nodes, at_m, side="right") - 1, 0)])

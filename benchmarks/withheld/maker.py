@@ -55,7 +55,7 @@ class Maker:
     leave_form_out: bool = True
     _secret: int = field(init=False)
     _designs: Designs = field(init=False)
-    _libraries: MimicLibraries = field(default_factory=MimicLibraries)
+    _libraries: MimicLibraries = field(init=False)
     _comparison: FormComparison = field(default_factory=FormComparison)
     _cases: dict[str, Case] = field(default_factory=dict)
     _left_out: dict[str, LeftOut] = field(default_factory=dict)
@@ -66,6 +66,7 @@ class Maker:
         """Draw what this process keeps to itself."""
         self._secret = secrets.randbits(128) if self.run_seed is None else self.run_seed
         self._designs = Designs(derived(self._secret, "designs"), FEW if self.few_designs else COUNTS)
+        self._libraries = MimicLibraries(1) if self.few_designs else MimicLibraries()
 
     @property
     def commitment(self) -> str:

@@ -173,8 +173,9 @@ class Mimics:
 
 @dataclass
 class MimicLibraries:
-    """One library a design, made when it is first asked for."""
+    """One library a design, made when it is first asked for; draws: of each variant's further parameters."""
 
+    draws: int = DRAWS
     _by_design: dict[str, Mimics] = field(default_factory=dict)
 
     def to_json(self, case: Case) -> dict[str, Any]:
@@ -183,7 +184,7 @@ class MimicLibraries:
             return case.truth
         library = self._by_design.get(case.drawn.name)
         if library is None:
-            library = self._by_design[case.drawn.name] = Mimics(case.drawn)
+            library = self._by_design[case.drawn.name] = Mimics(case.drawn, draws=self.draws)
         refine = REFINED.get(case.slot.kind, 0.0)
         distances = library.distances(case.truth["effects"][0], case.change_m, refine=refine)
         return {**case.truth, "mimics_sigma": distances}

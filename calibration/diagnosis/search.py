@@ -22,6 +22,7 @@ from calibration.effects.catalogue import Catalogue
 from calibration.effects.partial_context import NotRecorded, PartialContext
 
 SHARE_OF_UNKNOWN = 0.5  # of the excess at which an effect is unknown, from which on something is left
+SEVERAL = 2
 NO_INSTRUMENT = "no station measured reflectors; nothing that was read responds to it"
 
 
@@ -62,11 +63,11 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives.
 
     What is another at each visit explains much that is not its own. It is looked for only where something is left that
-    no effect explains otherwise.
+    no effect explains otherwise, or several do only together.
     """
     alone = rank_effects(likelihood, inputs, effects)
     found = _search(likelihood, inputs, effects, alone, by_visit=False)
-    if not something_is_left(found):
+    if not something_is_left(found) and len({cause.effect.name for cause in found.causes}) < SEVERAL:
         return found
     differing = [effect for effect in effects if effect.differs_by_visit]
     ranked = rank_effects(likelihood, inputs, differing, by_visit=True)

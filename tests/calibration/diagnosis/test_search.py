@@ -265,6 +265,14 @@ def test_what_differs_by_visit_explains_more_than_all_other_effects_together(mon
     assert result.log_evidence == pytest.approx(150.0 - 10.0 - 0.005 * 150.0)
 
 
+@pytest.mark.parametrize(("second", "log_evidence"), [([], 100.0), ([Evidence("refraction", 50.0, "")], 160.0)])
+def test_what_differs_by_visit_is_tried_where_only_several_causes_explain_all(monkeypatch, second, log_evidence):
+    """Nothing is left beside them, and yet one alone may explain more."""
+    rounds = [[Evidence("latency", 100.0, "")], second]
+    result = searched(monkeypatch, *rounds, rest=5.0, rest_of_two=1.0, by_visit=[Evidence("backlash", 160.0)])
+    assert result.log_evidence == log_evidence
+
+
 def test_several_causes_are_each_fitted_again_beside_the_others(monkeypatch):
     rounds = [[Evidence("backlash", 100.0)], [Evidence("latency", 50.0, "")]]
     assert searched(monkeypatch, *rounds[:1]).likelihoods == ("none", "none+backlash")

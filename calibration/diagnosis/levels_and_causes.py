@@ -150,5 +150,4 @@ def _like_disturbances(causes: Sequence[Cause]) -> list[Effect]:
 
 def _may_change(result: SearchResult) -> bool:
     """Whether other levels could leave out a cause or explain what is left: not where one cause explains all."""
-    several = len({cause.effect.name for cause in result.causes}) > 1
-    return bool(result.causes) and (several or something_is_left(result))
+    return bool(result.causes) and (result.has_several_effects or something_is_left(result))

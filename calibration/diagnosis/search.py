@@ -22,7 +22,6 @@ from calibration.effects.catalogue import Catalogue
 from calibration.effects.partial_context import NotRecorded, PartialContext
 
 SHARE_OF_UNKNOWN = 0.5  # of the excess at which an effect is unknown, from which on something is left
-SEVERAL = 2
 NO_INSTRUMENT = "no station measured reflectors; nothing that was read responds to it"
 
 
@@ -53,6 +52,11 @@ class SearchResult:
     non_parametric_alone: tuple[NonParametricEffect, ...]
 
     @property
+    def has_several_effects(self) -> bool:
+        """Whether the causes are more than one effect, at however many places."""
+        return len({cause.effect.name for cause in self.causes}) > 1
+
+    @property
     def departure_gain(self) -> float:
         """Of the causes' log evidence, what smooth departures from their forms add with coordinates on which their
         strength is not expected to depend."""
@@ -67,7 +71,7 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     """
     alone = rank_effects(likelihood, inputs, effects)
     found = _search(likelihood, inputs, effects, alone, by_visit=False)
-    if not something_is_left(found) and len({cause.effect.name for cause in found.causes}) < SEVERAL:
+    if not (something_is_left(found) or found.has_several_effects):
         return found
     differing = [effect for effect in effects if effect.differs_by_visit]
     ranked = rank_effects(likelihood, inputs, differing, by_visit=True)

@@ -36,7 +36,7 @@ def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -
     sets, q = BasisSets(), inputs.context.drives[:, drive]
     span = float(np.ptp(q))
     fine = int(np.clip(2.0 * span / SHORTEST_WAVE_M, 6, 28))
-    curves = cosine_basis(q, BENT_TERMS, roughness=1.0)
+    bends = _bends_in_time(inputs, q)
     for channel in channels:
         curve = sets.add((channel, cosine_basis(q, fine, roughness=1.0)))
         loaded = sets.add((channel, 2.0 * cosine_basis(q, fine, roughness=1.0) * (inputs.payload_ratio - 0.5)[:, None]))
@@ -46,11 +46,18 @@ def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -
             side = inputs.context.direction[:, drive : drive + 1]
             sided = sets.add((channel, side * cosine_basis(q, SIDE_TERMS, roughness=1.0, constant=True)))
             sets.add_set(sided, curve, share=0.5, weight=SIDE_WEIGHT)
-        if "t_s" not in inputs.context.not_said:  # a bed bends in the course of time, as it warms
-            hours = inputs.context.elapsed_s / HOUR_S
-            bending = sets.add((channel, tensor_product(curves, random_walk_basis(hours, COURSE_TERMS))))
-            sets.add_set((*curve[:BENT_TERMS], *bending), weight=BENT_WEIGHT)
+        if bends is not None:
+            sets.add_set((*curve[:BENT_TERMS], *sets.add((channel, bends))), weight=BENT_WEIGHT)
     return sets
+
+
+def _bends_in_time(inputs: EffectInputs, q: Array) -> Array | None:
+    """Curves (n, k) along the travel that change in the course of time, as a bed bends that warms on one side; None
+    where the readings do not say their times."""
+    if "t_s" in inputs.context.not_said:
+        return None
+    course = random_walk_basis(inputs.context.elapsed_s / HOUR_S, COURSE_TERMS)
+    return tensor_product(cosine_basis(q, BENT_TERMS, roughness=1.0), course)
 
 
 def settling(inputs: EffectInputs, drive: int) -> BasisSets:

@@ -16,9 +16,9 @@ from benchmarks.other_simulator.effects import bring_to_size, draw_effect
 from benchmarks.other_simulator.equilibrium import points_m, settle
 from benchmarks.other_simulator.forms.catalogue import ARCHIVES, EFFECTS, FORMS, OUTSIDE, names_of_forms
 from benchmarks.other_simulator.machine import PARAMETERS
-from benchmarks.other_simulator.making import make_case
+from benchmarks.other_simulator.making import _fact, make_case
 from benchmarks.other_simulator.rig import draw_rig
-from benchmarks.other_simulator.sizes import Sizes
+from benchmarks.other_simulator.sizes import Size, Sizes
 from calibration.recording.folder import read_folder
 
 # Standard deviation of a reading and amplitude: play of a strut, a column that gives way, a strut that softens.
@@ -81,6 +81,7 @@ def test_draws_are_those_that_archives_were_made_of(tmp_path, archive, name, sig
     entry = json.loads((tmp_path / name / "entry.json").read_text())
     (effect,) = entry["effects"]
     assert (entry["sigma_m"], effect["size"]) == pytest.approx((sigma_m, amplitude))
+    assert effect["places"]
 
 
 # --- physics
@@ -170,6 +171,12 @@ def test_sizes_are_those_of_an_independent_fit(rig):
     assert size.visible_length == pytest.approx(max(rms_length(residual, group) for group in groups), rel=1e-3)
     assert size.raw_platform == pytest.approx(rms(change, rows.on_platform), rel=1e-6)
     assert size.visible_platform == pytest.approx(rms(residual, rows.on_platform), rel=1e-3)
+
+
+@pytest.mark.parametrize(("name", "form", "has_place"), [("latency", None, False), ("backlash", "constant", True)])
+def test_what_belongs_to_the_rig_has_no_place(rig, name, form, has_place):
+    effect = draw_effect(rig, name, form or names_of_forms(name, "first")[0], np.random.default_rng(9))
+    assert bool(_fact(effect, 1e-3, Size(1.0, 1.0, 1.0, 1.0, 1.0, 1.0))["places"]) is has_place
 
 
 def test_play_moves_a_sliders_reflector_by_half_its_width(rig):

@@ -15,6 +15,19 @@ from calibration.effects.departures import functions_it_varies_with, functions_o
 from tests.calibration.diagnosis.dense import HIGH, LOW, dense, explicit, log_density, with_forms_at
 
 
+def planted_with(small, likelihood, effect, strength, *, sign=0.0, by_visit=False):
+    """Likelihood with an effect of a strength (n,) planted on the readings, and what is found of it with departures."""
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    (form,) = effect.forms(inputs, 0).contributions
+    ((channel, shape),) = form
+    shift = explicit(small, likelihood, [((channel, shape * strength),)])[:, 0] * 8.0e-5
+    planted = likelihood.on(replace(small, residual=small.residual + shift.reshape(-1, 3)))
+    basis_sets = [BasisSet((0,), (1.0,), sign=sign)]
+    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), basis_sets, LOW, HIGH)
+    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
+    return planted, found
+
+
 @pytest.mark.parametrize(("by_visit", "varies_with"), [(False, ()), (True, ()), (False, ("payload", "rest"))])
 def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_visit, varies_with, monkeypatch):
     """As likely as one another: the exact form, a little of everything, one coordinate alone, and shares by visit; half
@@ -30,14 +43,10 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
     effect = replace(with_forms_at(0), differs_by_visit=True, varies_with=varies_with)
     arrival = small.context.arrival
     share = np.random.default_rng(6).uniform(0.0, 1.0, int(arrival.max()) + 1)[arrival]
+    planted, found = planted_with(small, likelihood, effect, share, by_visit=by_visit)
+
     (form,) = effect.forms(inputs, 0).contributions
     ((channel, shape),) = form
-    shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
-    there = replace(small, residual=small.residual + shift.reshape(-1, 3))
-    planted = likelihood.on(there)
-    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
-    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
-
     inverse = np.linalg.inv(dense(small))
     groups = {
         name: explicit(small, likelihood, [((channel, shape * f),) for f in functions.T])
@@ -68,7 +77,7 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
     if by_visit:
         ways.append((1.0, np.hstack([column, scaled(visits, 0.5)])))
     prior = sum(weight for weight, _ in ways)
-    y, sizes = there.residual.ravel(), np.geomspace(LOW, HIGH, SIZES)
+    y, sizes = planted.linear.residual.ravel(), np.geomspace(LOW, HIGH, SIZES)
     without = log_density(y, dense(small))
 
     def evidence(columns):
@@ -88,32 +97,18 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
 @pytest.mark.parametrize("sign", [0.0, 1.0])
 def test_a_strength_whose_sign_mechanics_knows_does_not_turn(small, likelihood, least, kept, sign):
     """Growing with the load from `least` to 2: play that becomes negative is none; a size without a sign may."""
-    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = replace(with_forms_at(0), varies_with=("payload",))
     load = small.context.payload_kg / small.context.payload_kg.max()
     strength = least + (2.0 - least) * load
-    (form,) = effect.forms(inputs, 0).contributions
-    ((channel, shape),) = form
-    shift = explicit(small, likelihood, [((channel, shape * strength),)])[:, 0] * 8.0e-5
-    planted = likelihood.on(replace(small, residual=small.residual + shift.reshape(-1, 3)))
-    basis_set = BasisSet((0,), (1.0,), sign=sign)
-    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [basis_set], LOW, HIGH)
-    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=False)
+    _, found = planted_with(small, likelihood, effect, strength, sign=sign)
     expected = kept or sign == 0.0
     assert (found.unexpected < 2.0) is expected
     assert (max(found.best.basis_set.relative[1:]) >= 0.4) is expected
 
 
 def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likelihood):
-    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = replace(with_forms_at(0), differs_by_visit=True)
     arrival = small.context.arrival
     share = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
-    (form,) = effect.forms(inputs, 0).contributions
-    ((channel, shape),) = form
-    shift = explicit(small, likelihood, [((channel, shape * share),)])[:, 0] * 8.0e-5
-    there = replace(small, residual=small.residual + shift.reshape(-1, 3))
-    planted = likelihood.on(there)
-    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
-    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True)
+    _, found = planted_with(small, likelihood, effect, share, by_visit=True)
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)

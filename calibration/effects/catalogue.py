@@ -26,6 +26,7 @@ from calibration.effects import (
     thermal,
 )
 from calibration.effects.api import Effect
+from calibration.effects.varying_strength import with_varying_strength
 
 FAMILIES = (thermal, reversal, structure, drive_train, guides, instrument, control, expansion, stated_values)
 ENTRY_POINTS = "pkm_rig.effects"
@@ -88,7 +89,7 @@ def load_catalogue(files: Sequence[Path] = (), *, without: Collection[str] = ())
     for name in names:
         if names.count(name) > 1 or name in (*RESERVED, *INSIDE_GEOMETRY):
             raise InputError(f"effect '{name}' is already known; give yours another name")
-    return Catalogue(tuple(effects)).without(without)
+    return Catalogue(tuple(with_varying_strength(effect) for effect in effects)).without(without)
 
 
 def _load_effects(path: Path) -> object:

@@ -97,6 +97,9 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
         left = np.stack([context.left_by_motions(moved_m, tau) for tau in AFTER_EFFECT_S], axis=1)
         sets.add_set(sets.add((travel, -left)), weight=AFTER_EFFECT_WEIGHT, tau_s=AFTER_EFFECT_S[0])
     rest = cosine_basis(np.log(context.dwell_s + 0.3), REST_TERMS, constant=True)
+    # Loads push it out of place until integral action has brought it back, from whatever side it came.
+    for load_n in _loads_along(inputs, drive):
+        sets.add_set(sets.add((travel, load_n[:, None] * rest)), weight=ANY_REST_WEIGHT)
     whatever_speed = np.where(context.moving, 0.0, 1.0)
     for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", whatever_speed)):
         behind = -context.direction[:, drive] * speed
@@ -111,6 +114,12 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
             oscillating = sets.add((travel, behind[:, None] * ringing), form="ringing")
             sets.add_set(oscillating, any_way, share=0.4, tau_s=tau, weight=0.5)
     return sets
+
+
+def _loads_along(inputs: EffectInputs, drive: int) -> list[Array]:
+    """What loads a drive (n,), over the largest: the payload, and the pull of its struts."""
+    pull_n = inputs.pull_n[:, drive] @ inputs.machine.nominal.axis[drive]
+    return [x / np.abs(x).max() for x in (inputs.payload_ratio, pull_n) if np.any(x)]
 
 
 def _speeds(inputs: EffectInputs) -> list[Array]:

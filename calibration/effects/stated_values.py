@@ -25,8 +25,10 @@ from calibration.model.payload import PayloadEntry
 LEVER_M = 0.25  # at which a mass beside the stated centre turns the platform as the moment of its size does
 SWINGS_RAD_PER_S, CALMS_S = (0.9, 1.4, 2.2), 12.0  # of what swings after a stop
 REST_TERMS, MOVING_WEIGHT, STOPPED_M_PER_S = 4, 0.2, 0.5  # of a centre that moves on after a stop, from this speed
+AGE_TERMS, PLACE_TERMS, CHANGING_WEIGHT = 4, 2, 0.2  # of a load that changes in time or with the place
 LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
 TABLE_TERMS = 3  # of any function of another drive's coordinate
+BESIDE_M = (0.03, 0.08, 0.15, 0.22)  # beside its own place, at which a table may be looked up
 MOUNTINGS, WALK_TERMS = 6, 12  # terms of what may be otherwise each time, or at any time
 WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
@@ -70,9 +72,24 @@ def payload(inputs: EffectInputs, _: int) -> BasisSets:
     sets.add_set(beside, yielding(beside))
     sets.add_set((*in_proportion, *not_counted), (*shifted, *beside), weight=0.5)
     sets.add_set(anyhow, yielding(whenever), weight=0.5)
+    for loads in _loads_over_time(inputs, mounted):
+        changing = sets.add(("payload.mass", loads))
+        sets.add_set(changing, yielding(changing), weight=CHANGING_WEIGHT)
+    place = np.column_stack([np.ones(len(kg)), *(cosine_basis(q, PLACE_TERMS) for q in inputs.context.drives.T)])
+    for loads in (place, mounted[:, None] * place):  # a chain that is lifted
+        sets.add_set(sets.add(("payload.mass", loads)), yielding(whenever[:1]), weight=CHANGING_WEIGHT)
     if moving_on := _moving_on(sets, inputs, mounted / np.maximum(kg, LEAST_LOAD_SHARE * largest)):
         sets.add_set(moving_on, weight=MOVING_WEIGHT)
     return sets
+
+
+def _loads_over_time(inputs: EffectInputs, mounted: Array) -> list[Array]:
+    """Loads (n, k) that change in the course of time: what is mounted, which runs out, and what comes onto the platform
+    with it or without, as chips do."""
+    if "t_s" in inputs.context.not_said:
+        return []
+    age = cosine_basis(inputs.context.elapsed_s, AGE_TERMS, constant=True)
+    return [mounted[:, None] * age, age]
 
 
 def _moving_on(sets: BasisSets, inputs: EffectInputs, per_kg: Array) -> list[int]:
@@ -114,6 +131,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
                 sets.add_set(sets.add((f"travel.{name}", correction), form="one_drive"), weight=ONE_DRIVE_WEIGHT)
     _add_tables_by_direction(sets, inputs)
     _add_multiplied_tables(sets, inputs)
+    _add_tables_beside_their_places(sets, inputs)
     if "t_s" in context.not_said:  # who knows when: nothing depends on time then
         return sets
     for generation in context.table_generations:
@@ -150,6 +168,24 @@ def _add_multiplied_tables(sets: BasisSets, inputs: EffectInputs) -> None:
         ]
         if parts:
             sets.add_set([c for part in parts for c in sets.add(part)], weight=WALK_WEIGHT)
+
+
+def _add_tables_beside_their_places(sets: BasisSets, inputs: EffectInputs) -> None:
+    """A table is looked up at another place if the drive's zero was moved after it had been taken: anywhere around."""
+    context, drives = inputs.context, inputs.machine.drive_names
+    shifts_m = sorted({0.0, *BESIDE_M, *(-shift for shift in BESIDE_M)})
+    for generation in context.table_generations:
+        at_places = np.stack(
+            [context.table_corrections_m(generation, drives, context.drives + shift) for shift in shifts_m], axis=2
+        )
+        parts = [
+            c
+            for a, name in enumerate(drives)
+            if np.any(at_places[:, a])
+            for c in sets.add((f"travel.{name}", at_places[:, a]))
+        ]
+        if parts:
+            sets.add_set(parts, weight=WALK_WEIGHT)
 
 
 def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:

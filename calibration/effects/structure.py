@@ -304,7 +304,7 @@ EFFECTS = (
         untested=_untested_with_one_payload,
         curves=link_stiffness_curves,
         textbook=Textbook("tension", "Timoshenko, Strength of Materials: Hooke's law, springs in series"),
-        varies_with=("own travel", "other travel", "side", "payload", "time", "temperature"),
+        varies_with=("own travel", "other travel", "side", "payload", "rest", "time", "temperature"),
         order=70,
     ),
     Effect(

@@ -247,6 +247,23 @@ def test_each_direction_may_have_the_table_of_another_generation(rig):
     assert np.any(context.direction > 0.0)
 
 
+@pytest.mark.parametrize("moved_m", [-0.18, 0.05, 0.11])
+def test_a_zero_that_was_moved_leaves_a_table_beside_its_place(rig, moved_m):
+    """What it then corrects is within one basis set, though no column was computed for this very distance."""
+    built, context = CATALOGUE.effect("tables_left_on").forms(rig.inputs, 0), rig.inputs.context
+    left = next(t for t in TABLES if t.generation == 5 and t.drive == "left")
+    grid = RegularGridInterpolator((left.own_m, left.partner_m), np.array(left.corrections_m))
+    own = np.clip(context.drives[:, 0] + moved_m, left.own_m[0], left.own_m[-1])
+    wanted = grid(np.stack([own, np.clip(context.drives[:, 1], left.partner_m[0], left.partner_m[-1])], axis=1))
+
+    def left_over(columns: tuple[int, ...]) -> float:
+        part = np.stack([dict(built.contributions[c]).get("travel.left", 0.0 * wanted) for c in columns], axis=1)
+        return float(np.linalg.norm(wanted - part @ np.linalg.lstsq(part, wanted, rcond=None)[0]))
+
+    beside = [s.columns for s in built.sets if len(s.columns) < 0.2 * len(wanted)]
+    assert min(left_over(columns) for columns in beside) < 0.2 * np.linalg.norm(wanted)
+
+
 def test_a_table_without_corrections_makes_no_empty_basis_set(rig):
     without = tuple(t.model_copy(update={"corrections_m": ((0.0,) * 3,) * 4}) for t in TABLES)
     context = replace(rig.inputs.context, known_tables=without)

@@ -123,6 +123,27 @@ def payload(inputs):
     return {channel: mounted * context.direction[:, 1] * context.speed_m_per_s * swing}
 
 
+def payload__gathers(inputs):
+    """What falls onto the platform stays there, whatever is mounted."""
+    return {"payload.mass": 1.0 - np.exp(-inputs.context.elapsed_s / 1500.0)}
+
+
+def payload__chain(inputs):
+    """It lies on the floor but for what has been lifted."""
+    lifted = scaled(inputs.context.drives[:, 0]) + scaled(inputs.context.drives[:, 1])
+    return {"payload.mass": (inputs.context.payload_kg > 0.0) * lifted}
+
+
+def link_stiffness__creeps(inputs):
+    """A bond that yields the more, the longer it rests under load."""
+    return {"length.left_upper": inputs.tension_n[:, 0] * (1.0 - np.exp(-inputs.context.dwell_s / 12.0))}
+
+
+def servo_settling__pushed_out(inputs):
+    """The payload pushes a drive out of place until the controller's integral action has brought it back."""
+    return {"travel.left": inputs.context.payload_kg * np.exp(-inputs.context.dwell_s / 4.0)}
+
+
 def tables_left_on(inputs):
     """A table that is multiplied by one of the other drive."""
     table = inputs.context.table_corrections_m(4, inputs.machine.drive_names, inputs.context.drives)[:, 0]
@@ -202,7 +223,8 @@ LAWS = (
     column_thermal_growth, screw_thermal_growth, servo_settling, payload, tables_left_on, screw_cumulative_error,
     screw_periodic_error, column_compliance, screw_thermal_growth__bearing, column_thermal_growth__mixture,
     joint_clearance__friction, refraction__between_parts, link_thermal_growth__two_heats,
-    screw_thermal_growth__two_heats,
+    screw_thermal_growth__two_heats, payload__gathers, payload__chain, link_stiffness__creeps,
+    servo_settling__pushed_out,
 )  # fmt: skip
 LAWS_OF_LONG = (guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks)
 

@@ -24,7 +24,7 @@ from calibration.diagnosis.basis_set_evidence import (
 )
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import BasisSet, Departure, Effect, EffectInputs
+from calibration.effects.api import Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT, departing, functions_it_varies_with, functions_of_coordinates
 
@@ -62,17 +62,6 @@ class DepartingEvidence:
     contributions: tuple[Contributions, ...]
 
 
-def departs(basis_set: BasisSet) -> bool:
-    """Whether a basis set is a form, from which an effect may depart, and not an arbitrary function already."""
-    return len(_main(basis_set)) <= MOST_MAIN_COLUMNS
-
-
-def _main(basis_set: BasisSet) -> list[int]:
-    """Positions of the columns that are the form, not what comes with it."""
-    main = [i for i, relative in enumerate(basis_set.relative) if relative >= 1.0]
-    return main if basis_set.curve is None else main[:1]  # the others are derivatives
-
-
 def with_departures(
     likelihood: MarginalLikelihood,
     inputs: EffectInputs,
@@ -88,8 +77,10 @@ def with_departures(
 
     by_visit: whether an effect that is another at each stop may be so.
     """
-    main = _main(exact.basis_set)
-    if not departs(exact.basis_set):
+    main = [i for i, relative in enumerate(exact.basis_set.relative) if relative >= 1.0]
+    if exact.basis_set.curve is not None:  # the others are derivatives
+        main = main[:1]
+    if len(main) > MOST_MAIN_COLUMNS:
         return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
     a_little, wholly = functions_of_coordinates(inputs, effect, place), functions_it_varies_with(inputs, effect, place)
     of_coordinate = {

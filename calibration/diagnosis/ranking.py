@@ -19,12 +19,12 @@ from calibration.diagnosis.basis_set_evidence import (
     log_sum,
 )
 from calibration.diagnosis.curve_fit import fit_curves
-from calibration.diagnosis.departure_evidence import departs, with_departures
+from calibration.diagnosis.departure_evidence import with_departures
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.one_way import loss_of_one_way
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import BasisSets, Effect, EffectInputs
+from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
@@ -156,16 +156,13 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
 @dataclass(frozen=True)
 class _PlaceEvidence:
     """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns, and what of
-    the log evidence smooth departures from the form add. form: the best basis set of few columns, where the best one
-    has too many to depart from, with the log evidence of that one alone.
-    """
+    the log evidence smooth departures from the form add."""
 
     place: str
     log_evidence: float
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
     departure_gain: float = 0.0
-    form: _PlaceEvidence | None = None
 
 
 def _evidence_by_place(
@@ -185,20 +182,10 @@ def _evidence_by_place(
         weights /= max(1.0, float(weights.sum()))
         logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
         _judge_courses(evidence, logs)
-        logs -= float(np.log(len(names)))
-        best = _strongest(name, evidence, logs, built)
-        forms = [number for number, entry in enumerate(evidence) if departs(entry.basis_set)]
-        if forms and not departs(best.best.basis_set):
-            best = replace(best, form=_strongest(name, [evidence[number] for number in forms], logs[forms], built))
-        out.append(replace(best, log_evidence=float(log_sum(logs))))
+        best = evidence[int(np.argmax(logs))]
+        contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
+        out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))
     return out
-
-
-def _strongest(name: str, evidence: Sequence[BasisSetEvidence], logs: Array, built: BasisSets) -> _PlaceEvidence:
-    """The strongest of some basis sets at a place by itself; logs (m,): log evidence of each with its priors."""
-    number = int(np.argmax(logs))
-    columns = tuple(built.contributions[c] for c in evidence[number].basis_set.columns)
-    return _PlaceEvidence(name, float(logs[number]), evidence[number], columns)
 
 
 def _judge_courses(evidence: Sequence[BasisSetEvidence], logs: Array) -> None:
@@ -237,29 +224,18 @@ def _refine(
             return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
         return replace(place, log_evidence=both)
 
-    def departing(place: _PlaceEvidence) -> _PlaceEvidence:
-        number, best, columns = every.index(place.place), place.best, place.contributions
-        found = with_departures(likelihood, inputs, effect, number, best, columns, low, by_visit=by_visit)
-        # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
-        log_evidence = place.log_evidence + found.gain
-        return _PlaceEvidence(place.place, log_evidence, found.best, found.contributions, found.unexpected)
-
     def refine(place: _PlaceEvidence) -> _PlaceEvidence:
-        near = departing(with_curves(place))
-        if place.form is None:
-            return near
-        return _either(near, departing(place.form))
+        near = with_curves(place)
+        number = every.index(place.place)
+        departing = with_departures(
+            likelihood, inputs, effect, number, near.best, near.contributions, low, by_visit=by_visit
+        )
+        # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
+        log_evidence = near.log_evidence + departing.gain
+        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions, departing.unexpected)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refine(place) if place.log_evidence > threshold else place for place in places]
-
-
-def _either(one: _PlaceEvidence, other: _PlaceEvidence) -> _PlaceEvidence:
-    """Either of two ways to act at a place; what departures add is what neither has without them."""
-    likeliest = max(one, other, key=lambda entry: entry.log_evidence)
-    log_evidence = float(np.logaddexp(one.log_evidence, other.log_evidence))
-    expected = np.logaddexp(one.log_evidence - one.departure_gain, other.log_evidence - other.departure_gain)
-    return replace(likeliest, log_evidence=log_evidence, departure_gain=max(log_evidence - float(expected), 0.0))
 
 
 def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:

@@ -35,6 +35,17 @@ def functions_it_varies_with(inputs: EffectInputs, effect: Effect, place: int) -
     return _functions(inputs, effect, place, effect.varies_with)
 
 
+def functions_of_strength(inputs: EffectInputs, effect: Effect, place: int) -> list[Array]:
+    """As `functions_it_varies_with`, of each coordinate whether it varies or not, and of a side the side itself.
+
+    A twin's further readings must not add columns or change those of the campaign.
+    """
+    return [
+        x[:, None] if kind == "side" else cosine_basis(x, terms, roughness=ROUGHNESS)
+        for kind, _, x, terms in _coordinates(inputs, effect, place, effect.varies_with)
+    ]
+
+
 def _functions(inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]) -> dict[str, Array]:
     return {
         name: cosine_basis(x, terms, roughness=ROUGHNESS)

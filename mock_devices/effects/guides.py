@@ -1,11 +1,10 @@
-"""Guides that are not straight, and a foundation that settles: sliders beside their ideal place."""
+"""Guides that are not straight: sliders beside their ideal place."""
 
 from __future__ import annotations
 
 import math
 
 import numpy as np
-from scipy.special import exp1
 
 from mock_devices.effects.base import (
     Array,
@@ -19,26 +18,17 @@ from mock_devices.effects.base import (
 )
 from mock_devices.effects.bolted_rail import BoltedRail
 from mock_devices.effects.leg_memory import LegMemory, ways_m
-from mock_devices.effects.warming import AIR, lag_behind
 
 FULL_PAYLOAD_KG = 400.0
-FOOT_M = -1.2
 RAIL_PER_M = 12.0
 STEEPEST = math.exp(-0.25 * math.pi) * math.sqrt(0.5)
 BLOCKS_M = 0.2  # from one runner block of a carriage to the other
 WAVES = 40
-CONCRETE = 0.6
 SUPPORTS = 6  # of a rail, from one end of the travel to the other
 GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; half width of the worn part
-SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # sum of squared speeds: scale of its logarithm; multiple of that at the size
 CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diameters; creep over travel
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
 PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more with a full payload
-TOP, CURLS_K = 0.1, 1.0  # time constant of a slab's top over that of its bottom; difference that gives the size
-PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
-WELL = 8.0  # tau_s over the time in which a well is felt at the foot
-FLOW = 0.2  # even part of the creep of lead, after four times tau_s
-_TERMS = 60
 
 
 class _Guide(Effect):
@@ -188,89 +178,6 @@ class Angular(_Guide):
         deviation.yaw_rad[:, self.place] += self.error(state)
 
 
-class FoundationSettling(Effect):
-    """The foot of a column sinks, and the column leans: `tilt_per_m` of angle for each metre that it sank.
-
-    `consolidation`: water that leaves clay, the degree of consolidation of K. Terzaghi, "Theoretical Soil Mechanics"
-    (1943); it begins with the root of time. tau_s is the time constant of the slowest term.
-    `concrete`: creep under the first load, t^0.6 / (d + t^0.6), in D. E. Branson, M. L. Christiason, "Time-Dependent
-    Concrete Properties Related to Design" (1971); after tau_s half of it is over.
-    `lead_pads`: pads of lead creep with the cube root of time and then evenly: E. N. da C. Andrade, "On the Viscous
-    Flow in Metals, and Allied Phenomena" (1910); the size is reached after four times tau_s.
-    `shaken_sand`: the drives shake the sand under the foot and so pack it: vibration of sand in D. D. Barkan, "Dynamics
-    of Bases and Foundations" (1962). The settlement goes with the logarithm of the sum of squared speeds since the
-    onset.
-    `pumped_well`: water is pumped from a well near by for a while, and the ground sinks with the water's level and
-    comes back: the exponential integral of C. V. Theis, "The Relation Between the Lowering of the Piezometric Surface
-    and the Rate and Duration of Discharge of a Well Using Ground-Water Storage" (1935). It begins late; the size is
-    after four times tau_s if the pump still runs then.
-    `curling_slab`: a gate is opened at the onset, and the slab's top follows the air sooner than its bottom: it curls,
-    and its edges sink while the air grows warmer and rise again: H. M. Westergaard, "Analysis of Stresses in Concrete
-    Pavements Due to Variations of Temperature" (1927). The size is that of CURLS_K from top to bottom.
-    """
-
-    def setup(self) -> None:
-        """MotionState and shares of the steps of variant `stick_slip`."""
-        self.steps = np.sort(self.rng.uniform(0.0, 4.0, 5))
-        self.shares = self.rng.dirichlet(np.full(5, 2.0))
-        self.pumps_s = float(self.rng.uniform(*PUMPS)) * self.values["tau_s"]
-        onset_s = self.site.start_s + self.values["onset_s"]
-        self._shaken = [
-            LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
-            for _ in self.site.machine.sliders
-        ]
-
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let every motion shake the sand."""
-        if self.variant == "shaken_sand":
-            self._shaken[drive].record(leg)
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lower and lean the column."""
-        t = state.t_s - self.site.start_s - self.values["onset_s"]
-        tau, after = self.values["tau_s"], np.maximum(t, 0.0)
-        if self.variant == "step":
-            share = (t >= 0.0).astype(float)
-        elif self.variant == "logarithmic":
-            share = np.log1p(after / tau) / np.log1p(4.0)
-        elif self.variant == "creep":
-            share = after / (4.0 * tau)
-        elif self.variant == "consolidation":
-            odd = np.arange(1.0, 2.0 * _TERMS, 2.0)
-            terms = np.exp(-np.outer(after / tau, odd**2)) / odd**2
-            share = np.where(t >= 0.0, 1.0 - 8.0 / np.pi**2 * terms.sum(axis=1), 0.0)
-        elif self.variant == "concrete":
-            power = (after / tau) ** CONCRETE
-            share = power / (1.0 + power)
-        elif self.variant == "lead_pads":
-            share = (1.0 - FLOW) * np.cbrt(after / (4.0 * tau)) + FLOW * after / (4.0 * tau)
-        elif self.variant == "shaken_sand":
-            shaken = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._shaken))
-            share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
-        elif self.variant == "pumped_well":
-            share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
-        elif self.variant == "curling_slab":
-            begins_s = self.site.start_s + self.values["onset_s"]
-            top, bottom = (lag_behind(state, AIR, begins_s, part_s) for part_s in (TOP * tau, tau))
-            share = (top - bottom) / CURLS_K
-        elif self.variant == "stick_slip":
-            share = (t[:, None] >= self.steps * tau) @ self.shares
-        else:
-            share = 1.0 - np.exp(-after / tau)
-        a = self.place
-        strut = next(s for s in self.site.machine.struts if s.drive == a)
-        height = state.q_m[:, a] + strut.base_joint.imag - FOOT_M
-        lean = self.values["tilt_per_m"] * self.size * share
-        deviation.travel_m[:, a] -= self.size * share
-        deviation.sideways_m[:, a] += lean * height
-        deviation.yaw_rad[:, a] += lean
-
-
-def _drawn_down(pumped: Array) -> Array:
-    """Fall of a well's water (n,) after a time of pumping, over its time constant: no more than nothing before."""
-    return np.asarray(exp1(1.0 / (WELL * np.maximum(pumped, 1.0e-4))))
-
-
 _WAVE = (EffectParameter("wavelength_m", 0.15, 0.6, 1.5, "of the sine"),)
 _VARIANTS = (
     "sine",
@@ -306,32 +213,5 @@ EFFECTS = (
         reveals="drive coordinate, by variant direction and payload, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
-    ),
-    EffectSpec(
-        name="foundation_settling",
-        kind="catalogue",
-        place="drive",
-        size=EffectParameter("settled_m", 1e-6, 2e-5, 8e-4, "how far the foot sinks"),
-        variants=(
-            "exponential",
-            "step",
-            "logarithmic",
-            "creep",
-            "stick_slip",
-            "consolidation",
-            "concrete",
-            "lead_pads",
-            "shaken_sand",
-            "pumped_well",
-            "curling_slab",
-        ),
-        final="curling_slab",
-        reveals="time or motions made, a temperature swing, SMRs on the sliders against the floor nests",
-        make=FoundationSettling,
-        others=(
-            EffectParameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),
-            EffectParameter("tau_s", 300.0, 1200.0, 7200.0, "time constant"),
-            EffectParameter("tilt_per_m", 0.0, 0.3, 1.0, "lean of the column, radians a metre sunk"),
-        ),
     ),
 )

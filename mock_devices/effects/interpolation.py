@@ -1,0 +1,118 @@
+"""Errors of an encoder within one period of its signals."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState
+
+OFFSETS, GAIN, QUADRATURE_RAD = (0.25, -0.15), 1.3, 0.2
+SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
+HELD = 0.12  # share of a step by which a counter switches late, in either direction
+BITS, FILLS = 4, (0.75, 1.0)  # of a converter; share of its range that the signals fill
+IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
+SHADOW_RAD = 0.0711  # largest error of triangles
+
+
+class Interpolation(Effect):
+    """Errors within one period of the encoder's signals: offset once, unequal amplitude or phase twice a period.
+
+    `ellipse`: the arc tangent of two signals with offsets, unequal gain and a phase that is not a quarter, as in P. L.
+    M. Heydemann, "Determination and Correction of Quadrature Fringe Measurement Errors in Interferometers" (1981).
+    `harmonics`: the arc tangent of two signals that are no pure sines, among what L. M. Sanchez-Brea, T. Morlanes,
+    "Metrological Errors in Optical Encoders" (2008), go through: the second harmonic errs once and three times a
+    period, the third four times.
+    `shadow_gratings`: two gratings that cast shadows give triangles, not sines, whose arc tangent errs four times a
+    period: J. Guild, "Diffraction Gratings as Measuring Scales" (1960).
+    `coarse_count`: whole periods are counted and nothing in between, which leaves the sawtooth of W. R. Bennett,
+    "Spectra of Quantized Signals" (1948); the counter switches late in either direction, like the trigger of O. H.
+    Schmitt, "A Thermionic Trigger" (1938).
+    `self_images`: the scale is not parallel to the guide, and the image of its grating changes with the gap and comes
+    back at certain distances, as H. F. Talbot, "Facts Relating to Optical Science, No. IV" (1836) found. In between the
+    third harmonic of the signals has the opposite sign, and with it the error four times a period.
+    `few_bits`: both signals go through a converter of BITS bits before the arc tangent, which so goes in steps of
+    unequal width: quantisation in W. Kester, "Analog-Digital Conversion" (2004). The RMS is that of a sine of the size.
+    """
+
+    def setup(self) -> None:
+        """Phase of the scale; how fast its gap grows along the travel, and where that begins."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.image_m = float(self.rng.uniform(*IMAGES_M))
+        self.gap = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.levels = (2**BITS - 1) / 2.0 * float(self.rng.uniform(*FILLS))  # of the signals' amplitude
+        self.rms = float(np.std(self._in_steps(np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False))))
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Move the slider: the count is wrong, not the slider, but the drive goes by its count."""
+        q = state.q_m[:, self.place]
+        phase = 2.0 * np.pi * q / self.values["pitch_m"] + self.phase
+        y: Array = np.sin(2.0 * phase)
+        if self.variant == "offset":
+            y = np.sin(phase)
+        elif self.variant == "both":
+            y = 0.7 * np.sin(phase) + 0.7 * np.sin(2.0 * phase + 0.8)
+        elif self.variant == "ellipse":
+            y = self._ellipse(phase)
+        elif self.variant == "shadow_gratings":
+            error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
+            y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
+        elif self.variant == "coarse_count":
+            y = 2.0 * ((phase / (2.0 * np.pi) - HELD * state.direction[:, self.place]) % 1.0) - 1.0
+        elif self.variant == "self_images":
+            y = np.cos(2.0 * np.pi * q / self.image_m + self.gap) * np.sin(4.0 * phase)
+        elif self.variant == "few_bits":
+            y = math.sqrt(0.5) * self._in_steps(phase) / self.rms
+        elif self.variant == "harmonics":
+            y = self._harmonics(phase)
+        elif self.variant == "dirty_scale":  # weaker signals over part of the travel
+            middle, half = self.site.drive_range_m(self.place)
+            y = np.sin(phase) * (0.5 + 1.2 * np.exp(-(((q - middle) / (0.5 * half)) ** 2)))
+        deviation.travel_m[:, self.place] += self.size * y
+
+    def _in_steps(self, phase: Array) -> Array:
+        """Error of the arc tangent (n,) of signals in steps, which lie on either side of zero."""
+        cosine, sine = (np.floor(self.levels * x) + 0.5 for x in (np.cos(phase), np.sin(phase)))
+        error = np.arctan2(sine, cosine) - phase
+        return np.asarray((error + np.pi) % (2.0 * np.pi) - np.pi)
+
+    def _harmonics(self, phase: Array) -> Array:
+        """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
+        quarter = phase - 0.5 * np.pi
+        cosine, sine = (np.cos(x) + SECOND * np.cos(2.0 * x) + THIRD * np.cos(3.0 * x) for x in (phase, quarter))
+        error = np.arctan2(sine, cosine) - phase
+        return np.asarray(((error + np.pi) % (2.0 * np.pi) - np.pi) / (SECOND * math.sqrt(0.5)))
+
+    def _ellipse(self, phase: Array) -> Array:
+        """Error of the arc tangent over its offset: all errors in the proportion in which they may be set off."""
+        cosine = np.cos(phase) + OFFSETS[0]
+        sine = (np.sin(phase + QUADRATURE_RAD) + OFFSETS[1]) * GAIN
+        error = np.arctan2(sine, cosine) - phase
+        return np.asarray(((error + np.pi) % (2.0 * np.pi) - np.pi) / np.hypot(*OFFSETS))
+
+
+EFFECTS = (
+    EffectSpec(
+        name="encoder_interpolation",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_m", 2e-7, 5e-6, 3e-4, "of the first term"),
+        variants=(
+            "amplitude",
+            "offset",
+            "both",
+            "dirty_scale",
+            "ellipse",
+            "harmonics",
+            "shadow_gratings",
+            "coarse_count",
+            "self_images",
+            "few_bits",
+        ),
+        final="few_bits",
+        reveals="many drive positions off a grid, SMRs on the sliders",
+        make=Interpolation,
+        others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
+    ),
+)

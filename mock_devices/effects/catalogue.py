@@ -23,6 +23,7 @@ from mock_devices.effects import (
     outside_motions,
     outside_parts,
     outside_published,
+    outside_station,
     reversal,
     stated_values,
     structure,
@@ -52,6 +53,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_parts,
         outside_motions,
         outside_further,
+        outside_station,
         outside_final,
         ordinary_disturbances,
     )

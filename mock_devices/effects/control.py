@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import erfcx
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
 from mock_devices.effects.followers import Dragged
@@ -20,6 +21,7 @@ HOUR_S = 3600.0
 DRAG_M = 0.12  # half of the play with which another axis drags a chain along
 RESTARTS = 32
 STEERS_S, DAMPED = (900.0, 1800.0), 0.05  # of a clock's loop: period, damping
+BEATS_S = (150.0, 500.0)  # in which one cycle runs past another
 LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
 SWINGS, CALMS = 3.0, 0.5  # of a load: rate and decay, over tau_s
 LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; travel that leaves the size
@@ -43,6 +45,8 @@ class AxisCoupling(Effect):
     Hysteresis" (1989).
     `turn_of_other`: the other axis's screw runs out of true and pushes the beam that both hang on once a turn: runout
     of screws in A. H. Slocum, "Precision Machine Design" (1992).
+    `loaded_bridge`: both axes hang on one bridge, which gives way the further the other one goes out on it and the more
+    the platform carries: W. J. M. Rankine, "A Manual of Applied Mechanics" (1858). The ratio is that without payload.
     """
 
     def setup(self) -> None:
@@ -75,6 +79,8 @@ class AxisCoupling(Effect):
             y = 0.25 * np.sin(2.0 * np.pi * (state.q_m[:, b] - state.q_m[:, a]) / RESOLVER_M + self.phase)
         elif self.variant == "turn_of_other":
             y = 0.25 * np.sin(2.0 * np.pi * state.q_m[:, b] / self.lead_m + self.phase)
+        elif self.variant == "loaded_bridge":
+            y = x * (1.0 + state.payload_kg / self.site.machine.moving_mass_kg)
         elif self.variant == "dragged_chain":
             y = self._chain.at(state, b) - middle
         elif self.variant == "elastic_bed":
@@ -114,12 +120,17 @@ class Latency(Effect):
     `steered_clock`: a loop steers the station's clock after the other one and swings about it after a step of the
     phase, as the loop of second order does that is damped too little in F. M. Gardner, "Phaselock Techniques" (1966).
     The size is the step, at the campaign's begin.
+    `beating_cycles`: the station asks in a cycle of its own for what the drives give out in another one, of nearly the
+    same length, so that a value is older and older until the cycles have run past one another: B. Wittenmark, J.
+    Nilsson, M. Törngren, "Timing Problems in Real-Time Control Systems" (1995). The size is the mean.
     """
 
     def setup(self) -> None:
         """Phases after every restart; how fast the loop of a clock swings."""
         self.restarts = np.concatenate([[1.0], self.rng.uniform(0.0, 2.0, RESTARTS - 1)])
         self.steers_s = float(self.rng.uniform(*STEERS_S))
+        self.beats_s = float(self.rng.uniform(*BEATS_S))
+        self.phase = float(self.rng.uniform(0.0, 1.0))
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -129,11 +140,13 @@ class Latency(Effect):
             return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
         if self.variant == "queued":  # the phase of another message is the chance: the same whenever it is asked for
             return np.asarray(-self.size * np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
-        if self.variant in ("clock_skew", "clock_ageing", "restarted", "steered_clock"):
+        if self.variant in ("clock_skew", "clock_ageing", "restarted", "steered_clock", "beating_cycles"):
             t = self.elapsed_s(state)
             share = t % POLL_S / POLL_S if self.variant == "clock_skew" else (t / HOUR_S) ** 2
             if self.variant == "restarted":
                 share = self.restarts[state.exchanges.astype(int) % RESTARTS]
+            elif self.variant == "beating_cycles":
+                share = 2.0 * ((t / self.beats_s + self.phase) % 1.0)
             elif self.variant == "steered_clock":
                 share = self._left_of_step(t)
             return np.asarray(self.size * share)
@@ -171,6 +184,9 @@ class ServoSettling(Effect):
     `swinging_load`: what hangs on the slider swings on beyond its target, the further and the more slowly the heavier
     it is: N. C. Singer, W. P. Seering, "Preshaping Command Inputs to Reduce System Vibration" (1990). The size is the
     swing without payload, were it not damped.
+    `half_order`: a rubber element relaxes by a derivative of the order one half, as if it had all time constants, with
+    a long tail of one over the root of time: exp(t) erfc(sqrt(t)), t over tau_s, in M. Caputo, F. Mainardi, "A New
+    Dissipation Model Based on Memory Mechanism" (1971).
     """
 
     def setup(self) -> None:
@@ -206,6 +222,8 @@ class ServoSettling(Effect):
             share = np.maximum(1.0 - np.log1p(t) / np.log(8.0), 0.0)
         elif self.variant == "integrator":
             share = np.maximum(1.0 - 0.5 * t, 0.0)
+        elif self.variant == "half_order":
+            share = erfcx(np.sqrt(t))
         elif self.variant == "stretched":
             share = np.exp(-np.sqrt(t))
         elif self.variant == "dry_friction":
@@ -246,9 +264,10 @@ EFFECTS = (
             "crosstalk",
             "dragged_chain",
             "turn_of_other",
+            "loaded_bridge",
         ),
-        final="turn_of_other",
-        reveals="the other drive's coordinate or motion, SMRs on the sliders",
+        final="loaded_bridge",
+        reveals="the other drive's coordinate or motion, by variant payload, SMRs on the sliders",
         make=AxisCoupling,
     ),
     EffectSpec(
@@ -266,8 +285,9 @@ EFFECTS = (
             "clock_ageing",
             "restarted",
             "steered_clock",
+            "beating_cycles",
         ),
-        final="steered_clock",
+        final="beating_cycles",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),
@@ -288,8 +308,9 @@ EFFECTS = (
             "after_effect",
             "integrator_reset",
             "swinging_load",
+            "half_order",
         ),
-        final="swinging_load",
+        final="half_order",
         reveals="varied dwell and speed, by variant payload or earlier motions, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

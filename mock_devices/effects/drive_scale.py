@@ -16,11 +16,13 @@ from mock_devices.effects.base import (
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.refraction import weather_k
 from mock_devices.effects.stated_values import ONSET
+from mock_devices.effects.warming import conducted
 
 SLIP_K = 0.4
 CREEP_WAY_M = 100.0
 STEPS_M_PER_S, STEPS = 0.3, 40.0  # above which a stepping motor loses steps; motions to the size
 READER_S, DUTY_M_PER_S = 900.0, 0.02  # of a reading head's holder: time constant; mean speed for the size
+DAMP_S = (1500.0, 5000.0)  # of a scale that takes up moisture: slowest time constant
 RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
 
@@ -46,6 +48,9 @@ class DriveScale(StatefulEffect):
     `warm_reader`: the drive's motions warm the holder of its reading head, which grows and moves the zero, and cools at
     rest: heat of a machine's own in M. Weck, P. McKeown, R. Bonse, U. Herbst, "Reduction and Compensation of Thermal
     Errors in Machine Tools" (1995). The size is that at a mean of DUTY_M_PER_S.
+    `damp_scale`: a scale on a body of resin lies in damp air from the onset on and takes up moisture by diffusion, at
+    first with the root of time: J. Crank, "The Mathematics of Diffusion" (1956). The size is that at the end of the
+    travel in the end.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -57,6 +62,7 @@ class DriveScale(StatefulEffect):
         rest = self.rng.standard_normal(31)
         self.offsets = np.concatenate([[0.0, float(np.sign(self.rng.standard_normal()))], rest])[:32]
         self.sign = float(self.offsets[1])
+        self.damp_s = float(self.rng.uniform(*DAMP_S))
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         self._lost = LegMemory(lambda way, speed, _: ((way > 0.0) & (speed > STEPS_M_PER_S)).astype(np.float64))
 
@@ -91,6 +97,9 @@ class DriveScale(StatefulEffect):
         elif self.variant == "relaxing_tape":
             strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
             y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
+        elif self.variant == "damp_scale":
+            damp_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
+            y = after * conducted(damp_s, self.damp_s) * (from_middle + 1.0) / 2.0
         elif self.variant == "thermal_slip":
             y = self._slipped(state) * (from_middle + 1.0) / 2.0
         else:
@@ -126,8 +135,9 @@ EFFECTS = (
             "lost_steps",
             "relaxing_tape",
             "warm_reader",
+            "damp_scale",
         ),
-        final="warm_reader",
+        final="damp_scale",
         reveals="time or motions made, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),

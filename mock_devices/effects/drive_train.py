@@ -25,6 +25,8 @@ WORN, FLANK = 0.25, 0.2  # of half the travel: half the stretch that is worn thr
 BENT = math.cos(math.radians(30.0))  # of a universal joint
 TURNS = 138  # of a screw over its travel
 SLIP_M = 6.0  # travel over which the balls of a nut fall behind by a whole orbit
+COPIES_M, THREADS = (0.2, 0.45), 0.4  # travel of a turn of a grinder's wheel; its third harmonic over its first
+RIPPLES = 6  # of a motor's torque in one turn of the screw
 PIECE_M = 0.2  # of a rack
 HELD_M = 0.25  # from one holder of a tape to the next
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
@@ -45,6 +47,8 @@ class CumulativeError(Effect):
     of its own, as ISO 1328-1, "Cylindrical Gears: ISO System of Accuracy" (1995), states that; it jumps at every joint.
     `sagging_tape`: a scale of tape hangs slack between its holders, and each field is longer than it is straight by its
     own sag, most of that near the holders: the correction for sag of G. L. Hosmer, "Geodesy" (1919), of a parabola.
+    `copied_gear`: wheels that drove the grinder's own screw were not true, and their turns are copied into this one:
+    masters and copies in C. Evans, "Precision Engineering: An Evolutionary View" (1989).
     """
 
     def setup(self) -> None:
@@ -68,6 +72,11 @@ class CumulativeError(Effect):
         tape = self._along_tape(fine)
         self.tape_level = np.polyfit(fine, tape, 1)
         self.tape_most = float(np.abs(tape - np.polyval(self.tape_level, fine)).max())
+        self.copied_m = float(self.rng.uniform(*COPIES_M))
+        self.phases = self.rng.uniform(0.0, 2.0 * np.pi, 2)
+        copied = self._copied(fine)
+        self.copied_level = np.polyfit(fine, copied, 1)
+        self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
         """Error of the rack (n,): where its piece lies, and half of that again by the pitch within the piece."""
@@ -82,6 +91,11 @@ class CumulativeError(Effect):
         field = at.astype(int)
         before = np.concatenate([[0.0], np.cumsum(self.slack)])
         return np.asarray(before[field] + self.slack[field] * (1.0 - (1.0 - 2.0 * (at - field)) ** 3) / 2.0)
+
+    def _copied(self, q_m: Array) -> Array:
+        """What the wheels of a grinder have left (n,), over their first harmonic."""
+        turn = 2.0 * np.pi * q_m / self.copied_m
+        return np.asarray(np.sin(turn + self.phases[0]) + THREADS * np.sin(3.0 * turn + self.phases[1]))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -104,6 +118,9 @@ class CumulativeError(Effect):
         elif self.variant == "sagging_tape":
             q = state.q_m[:, self.place]
             y = (self._along_tape(q) - np.polyval(self.tape_level, q)) / self.tape_most
+        elif self.variant == "copied_gear":
+            q = state.q_m[:, self.place]
+            y = (self._copied(q) - np.polyval(self.copied_level, q)) / self.copied_most
         elif self.variant == "two_pieces":  # two scales butted together
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
@@ -127,6 +144,9 @@ class PeriodicError(Effect):
     `thrust_faces`: the collar of the screw and the face that it turns against are both askew to the axis and touch
     where they stand out most, so that they are apart by the length of a sum of two arrows, one of which turns: axial
     runout of thrust bearings in A. H. Slocum, "Precision Machine Design" (1992).
+    `torque_ripple`: the motor's torque ripples RIPPLES times a turn, in proportion to its current, which bears the
+    weight and has friction to overcome on its way up: T. M. Jahns, W. L. Soong, "Pulsating Torque Minimization
+    Techniques for Permanent Magnet AC Motor Drives: A Review" (1996). The size is that upwards without payload.
     """
 
     def setup(self) -> None:
@@ -156,6 +176,10 @@ class PeriodicError(Effect):
         elif self.variant == "other_flank":
             down = 0.8 * np.sin(turn + self.apart) + 0.3 * np.sin(2.0 * turn)
             y = np.where(state.direction[:, self.place] < 0.0, down, y)
+        elif self.variant == "torque_ripple":
+            own_kg = self.site.machine.moving_mass_kg
+            weight = (own_kg + state.payload_kg) / own_kg
+            y = (0.6 * weight + 0.4 * state.direction[:, self.place]) * np.sin(RIPPLES * turn)
         elif self.variant == "thrust_faces":
             whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
             lifts = self._faces_apart(whole)
@@ -196,8 +220,9 @@ EFFECTS = (
             "pitch_walk",
             "rack_pieces",
             "sagging_tape",
+            "copied_gear",
         ),
-        final="sagging_tape",
+        final="copied_gear",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -218,9 +243,10 @@ EFFECTS = (
             "slipping_balls",
             "other_flank",
             "thrust_faces",
+            "torque_ripple",
         ),
-        final="thrust_faces",
-        reveals="many drive positions off a grid, by variant direction, SMRs on the sliders",
+        final="torque_ripple",
+        reveals="many drive positions off a grid, by variant direction and payload, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
     ),

@@ -5,8 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mock_devices.effects.state import Array, Leg, MotionState
+
+Throws = Callable[[Array, Array], NDArray[np.bool_]]
 
 
 class PlaceMemory:
@@ -36,6 +39,80 @@ class PlaceMemory:
         moved_s, rested_s = np.minimum(end_s, t_s) - start_s, np.maximum(t_s - end_s, 0.0)
         arrived = underway + (before - underway) * np.exp(-moved_s / self._tau_s)
         return np.asarray(there + (arrived - there) * np.exp(-rested_s / self._tau_s))
+
+
+class Fanned:
+    """Nears one with a time constant at rest, and cools `faster(speed)` times as fast while its drive moves; zero at
+    first. What warms it stays the same, so that it nears one over that during a motion."""
+
+    def __init__(self, faster: Callable[[Array], Array], tau_s: float) -> None:
+        self._faster, self._tau_s = faster, tau_s
+        self._before = [0.0]
+
+    def record(self, leg: Leg) -> None:
+        """A leg and the rest after it have ended."""
+        ends = (np.array([x]) for x in (leg.start_s, leg.end_s, leg.until_s, leg.speed_m_per_s))
+        self._before.append(float(self._after(np.array([self._before[-1]]), *ends)[0]))
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """Its warmth at the moments of a state (n,)."""
+        before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
+        start_s, end_s = state.leg_start_s[:, drive], state.leg_end_s[:, drive]
+        return self._after(before, start_s, end_s, state.t_s, state.speed_m_per_s[:, drive])
+
+    def _after(self, before: Array, start_s: Array, end_s: Array, t_s: Array, speed: Array) -> Array:
+        moved_s, rested_s = np.minimum(end_s, t_s) - start_s, np.maximum(t_s - end_s, 0.0)
+        faster = self._faster(speed)
+        arrived = 1.0 / faster + (before - 1.0 / faster) * np.exp(-faster * moved_s / self._tau_s)
+        return np.asarray(1.0 + (arrived - 1.0) * np.exp(-rested_s / self._tau_s))
+
+
+class Stirred:
+    """What every metre of a drive's way mixes, down by e in `mixes_m`, and what forms anew with a time constant; one
+    at first. A leg mixes at its middle."""
+
+    def __init__(self, mixes_m: float, forms_s: float) -> None:
+        self._mixes_m, self._forms_s = mixes_m, forms_s
+        self._before = [1.0]
+
+    def record(self, leg: Leg) -> None:
+        """A leg and the rest after it have ended."""
+        ends = (np.array([x]) for x in (leg.start_s, leg.end_s, leg.until_s, leg.to_m - leg.from_m))
+        self._before.append(float(self._after(np.array([self._before[-1]]), *ends)[0]))
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """What is left at the moments of a state (n,)."""
+        before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
+        way_m = state.q_m[:, drive] - state.from_m[:, drive]
+        return self._after(before, state.leg_start_s[:, drive], state.leg_end_s[:, drive], state.t_s, way_m)
+
+    def _after(self, before: Array, start_s: Array, end_s: Array, t_s: Array, way_m: Array) -> Array:
+        middle_s = np.minimum(0.5 * (start_s + end_s), t_s)
+        formed = 1.0 + (before - 1.0) * np.exp(-(middle_s - start_s) / self._forms_s)
+        mixed = formed * np.exp(-np.abs(way_m) / self._mixes_m)
+        return np.asarray(1.0 + (mixed - 1.0) * np.exp(-(t_s - middle_s) / self._forms_s))
+
+
+class LastThrow:
+    """The sign of the last motion that `throws`, by its speed and start: -1 or 1, and 0 before the first."""
+
+    def __init__(self, throws: Throws) -> None:
+        self._throws = throws
+        self._before = [0.0]
+
+    def record(self, leg: Leg) -> None:
+        """A leg has ended with a stop."""
+        way_m, speed, start_s = (np.array([x]) for x in (leg.to_m - leg.from_m, leg.speed_m_per_s, leg.start_s))
+        thrown = self._throws(speed, start_s)
+        self._before.append(float(np.where(thrown & (way_m != 0.0), np.sign(way_m), self._before[-1])[0]))
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """The sign at the moments of a state (n,); a motion under way has not stopped yet."""
+        before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
+        way_m = state.q_m[:, drive] - state.from_m[:, drive]
+        stopped = (state.t_s >= state.leg_end_s[:, drive]) & (way_m != 0.0)
+        thrown = self._throws(state.speed_m_per_s[:, drive], state.leg_start_s[:, drive])
+        return np.where(stopped & thrown, np.sign(way_m), before)
 
 
 class Dragged:

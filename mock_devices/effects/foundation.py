@@ -15,6 +15,7 @@ SAND_M2_PER_S2, SAND_TIMES = 4.0, 10.0  # sum of squared speeds: scale of its lo
 TOP, CURLS_K = 0.1, 1.0  # time constant of a slab's top over that of its bottom; difference that gives the size
 PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
 WELL = 8.0  # tau_s over the time in which a well is felt at the foot
+LOADINGS, HARDENS = 4.0, 0.4  # exchanges of payload after which the size is reached; exponent of their number
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
@@ -38,6 +39,9 @@ class FoundationSettling(Effect):
     `curling_slab`: a gate is opened at the onset, and the slab's top follows the air sooner than its bottom: it curls,
     and its edges sink while the air grows warmer and rise again: H. M. Westergaard, "Analysis of Stresses in Concrete
     Pavements Due to Variations of Temperature" (1927). The size is that of CURLS_K from top to bottom.
+    `repeated_loads`: every exchange of the payload loads the soil anew and leaves a little less than the one before, by
+    a power of their number: C. L. Monismith, N. Ogawa, C. R. Freeme, "Permanent Deformation Characteristics of Subgrade
+    Soils Due to Repeated Loading" (1975). The size is reached after LOADINGS.
     """
 
     def setup(self) -> None:
@@ -80,6 +84,8 @@ class FoundationSettling(Effect):
             share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
         elif self.variant == "pumped_well":
             share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
+        elif self.variant == "repeated_loads":
+            share = (state.exchanges / LOADINGS) ** HARDENS
         elif self.variant == "curling_slab":
             begins_s = self.site.start_s + self.values["onset_s"]
             top, bottom = (lag_behind(state, AIR, begins_s, part_s) for part_s in (TOP * tau, tau))
@@ -120,9 +126,11 @@ EFFECTS = (
             "shaken_sand",
             "pumped_well",
             "curling_slab",
+            "repeated_loads",
         ),
-        final="curling_slab",
-        reveals="time or motions made, a temperature swing, SMRs on the sliders against the floor nests",
+        final="repeated_loads",
+        reveals="time, motions or exchanges of payload made, a temperature swing, SMRs on the sliders against the "
+        "floor nests",
         make=FoundationSettling,
         others=(
             EffectParameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),

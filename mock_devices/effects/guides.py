@@ -28,6 +28,12 @@ SUPPORTS = 6  # of a rail, from one end of the travel to the other
 GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; half width of the worn part
 CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diameters; creep over travel
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
+SPANS_M, SAG = (0.26, 0.4), 0.6  # from support to support; sag without payload midway between two, over the size
+ROLLERS_M, UNLIKE, OVAL = (
+    (0.025, 0.045),
+    (0.03, 0.1),
+    0.4,
+)  # of a carriage: diameter; difference; twice over once a turn
 PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more with a full payload
 
 
@@ -57,6 +63,12 @@ class _Guide(Effect):
     `off_centre_drive`: the drive does not pull at the centre of the guide's friction, which turns the carriage to one
     side on its way up and to the other on its way down, the more the more it carries: A. H. Slocum, "Precision Machine
     Design" (1992).
+    `moving_load`: the rail yields under what its carriage carries, most midway between two supports and in proportion
+    to the load: S. Timoshenko, "Method of Analysis of Statical and Dynamical Stresses in Rail" (1926). Each span is
+    clamped at its supports.
+    `unround_rollers`: a carriage runs on two rollers that are neither round nor quite equal, and the difference of
+    their errors turns it, less or more as they come in step and out of it: rolling and roundness in W. R. Moore,
+    "Foundations of Mechanical Accuracy" (1970).
     """
 
     slope = False
@@ -85,6 +97,9 @@ class _Guide(Effect):
         self.balls_m = float(self.rng.uniform(*BALLS_M))
         self._ways = LegMemory(ways_m)
         self.bolts = BoltedRail(middle - half, middle + half, self.rng)
+        self.span_m = float(self.rng.uniform(*SPANS_M))
+        diameter_m = float(self.rng.uniform(*ROLLERS_M))
+        self.turns_m = np.pi * diameter_m * np.array([1.0, 1.0 + float(self.rng.uniform(*UNLIKE))])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the cage creep."""
@@ -124,6 +139,23 @@ class _Guide(Effect):
         worn = np.exp(-(((x - self.joint) / GIB_WORN) ** 2))
         return np.asarray(GIB_LEFT + (1.0 - GIB_LEFT) * worn)
 
+    def _by_rail(self, q_m: Array, payload_kg: Array) -> Array:
+        """What bolts, supports or rollers make of the line or the angle (n,)."""
+        if self.variant == "bolt_dips":
+            return 0.7 * self.bolts.line(q_m)
+        return self._carried(q_m, payload_kg) if self.variant == "moving_load" else self._rolled(q_m)
+
+    def _carried(self, q_m: Array, payload_kg: Array) -> Array:
+        """How far the rail yields under its carriage (n,)."""
+        span, own_kg = (q_m / self.span_m + self.phase) % 1.0, self.site.machine.moving_mass_kg
+        return np.asarray(-SAG * (own_kg + payload_kg) / own_kg * (4.0 * span * (1.0 - span)) ** 3)
+
+    def _rolled(self, q_m: Array) -> Array:
+        """Difference of what two rollers lift a carriage (n,)."""
+        turn = 2.0 * np.pi * q_m[:, None] / self.turns_m + self.phases[:2]
+        lifts = np.sin(turn) + OVAL * np.sin(2.0 * turn)
+        return np.asarray(0.7 * (lifts[:, 0] - lifts[:, 1]))
+
     def error(self, state: MotionState) -> Array:
         q = state.q_m[:, self.place]
         middle, half = self.site.drive_range_m(self.place)
@@ -151,8 +183,8 @@ class _Guide(Effect):
         elif self.variant == "ball_passage":
             ball = 2.0 * np.pi * (q / self.balls_m + BALLS_BACK * (state.direction[:, self.place] < 0.0)) + self.phase
             y = np.sin(ball) + 0.35 * np.sin(2.0 * ball)
-        elif self.variant == "bolt_dips":
-            y = 0.7 * self.bolts.line(q)
+        elif self.variant in ("bolt_dips", "moving_load", "unround_rollers"):
+            y = self._by_rail(q, state.payload_kg)
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
         else:
@@ -197,9 +229,9 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
-        variants=(*_VARIANTS, "creeping_cage", "bolt_dips"),
-        final="bolt_dips",
-        reveals="drive coordinate, by variant direction or distance moved, SMRs on the sliders",
+        variants=(*_VARIANTS, "creeping_cage", "bolt_dips", "moving_load"),
+        final="moving_load",
+        reveals="drive coordinate, by variant direction, payload or distance moved, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
     ),
@@ -208,8 +240,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
-        variants=(*_VARIANTS, "ball_passage", "off_centre_drive"),
-        final="off_centre_drive",
+        variants=(*_VARIANTS, "ball_passage", "off_centre_drive", "unround_rollers"),
+        final="unround_rollers",
         reveals="drive coordinate, by variant direction and payload, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,

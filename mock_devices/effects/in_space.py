@@ -22,15 +22,16 @@ OF_PLANE = ("sloshing", "hanging_chain", "guide_pressed")
 OF_SLIDERS = (  # what a guide, a linear motor or a carriage does
     "guide_straightness", "guide_angular", "joint_spacing",
     "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "guide_wear",
-    "bedding_in",
+    "bedding_in", "chain_on_carriage",
 )  # fmt: skip
-TURNING = ("guide_angular", "loose_bolt")  # of a carriage about the middle of its joints
+TURNING = ("guide_angular", "loose_bolt", "chain_on_carriage")  # of a carriage about the middle of its joints
 OUTSIDE = (
     "cable_drag", "dry_cable_drag", "payload_shift", "spindle_vibration", "crane_tilt", "humidity_swelling",
     "hose_moment", "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "damaged_tooth",
     "hunting", "circle_error", "lobed_joint", "guide_wear",
     "leaning_block", "brake_drop", "bedding_in", "dark_tracks", "creeping_thread", "clipped_beam",
     "reference_range", "circle_eccentricity", "tilted_axis",
+    "bearing_wobble", "stiff_hose", "floating_ball", "chain_on_carriage",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -47,7 +48,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
     "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches"),
-    "link_stiffness": ("softer", "softens_with_load", "loosening", "creeping_bond"),
+    "link_stiffness": ("softer", "softens_with_load", "loosening", "creeping_bond", "warm_adhesive"),
     "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,
     "link_self_weight": ALL,

@@ -17,6 +17,7 @@ from mock_devices.effects.base import (
     StationSight,
     names_of,
 )
+from mock_devices.effects.followers import LastThrow
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.refraction import Refraction
 from mock_devices.effects.walks import HOUR_S, Flicker, HeldWalk, RandomWalk
@@ -30,6 +31,8 @@ BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its sea
 SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
 NEST_PART = "platform"
 NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
+FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
+THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
 
@@ -64,6 +67,8 @@ class StationDrift(Effect):
     `settling_legs`: the legs of its tripod settle after it was set up, fast at first and then ever more slowly, with
     the logarithm of time: drift of tripods in D. Nindl, M. Wiebking, "Surveying Tripods: Characteristics and
     Influences" (2010).
+    `thermostat`: a fan in its base is switched between two temperatures, which it nears and leaves exponentially, over
+    and over: B. van der Pol, "On Relaxation-Oscillations" (1926). The size is the whole swing.
     """
 
     def setup(self) -> None:
@@ -80,6 +85,18 @@ class StationDrift(Effect):
             self.passed_s = np.cumsum(self.rng.exponential(PASSERS_S, PASSERS))
             self.pushes = self.rng.standard_normal((PASSERS, 6)) * math.sqrt(2.0 * PASSERS_S / FORGETS_S)
         self._shaken = [LegMemory(lambda way, speed, _: speed**2 * (way != 0.0)) for _ in self.site.machine.sliders]
+        self.cycle_s = float(self.rng.uniform(*FANS_S))
+        self.runs = float(self.rng.uniform(*RUNS))
+
+    def _switched(self, elapsed_s: Array) -> Array:
+        """Warmth (n,) from 0, where the fan stops, to 1, where it starts; SWITCHES is the time constant of either part
+        over how long that lasts."""
+        at, warms = elapsed_s / self.cycle_s % 1.0, 1.0 - self.runs
+        rest, run = np.minimum(at / warms, 1.0), np.maximum(at - warms, 0.0) / self.runs
+        most = -math.expm1(-1.0 / SWITCHES)
+        return np.asarray(
+            np.where(at < warms, -np.expm1(-rest / SWITCHES), np.exp(-run / SWITCHES) - 1.0 + most) / most
+        )
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let every motion shake the stand."""
@@ -103,6 +120,8 @@ class StationDrift(Effect):
             y = np.outer(shaken / SHAKEN_M2_PER_S2, self.weights)
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
+        elif self.variant == "thermostat":
+            y = np.outer(self._switched(t), self.weights)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
         elif self.variant == "with_air":
@@ -131,6 +150,8 @@ class Reseat(Effect):
     `warm_nest`: put back into a nest of another material beside its own, it is moved as that grows with the platform's
     temperature from then on: an offset between materials in A. H. Slocum, "Precision Machine Design" (1992). The size
     is that of NEST_K.
+    `thrown_ball`: put back into a seat with play, the ball is thrown to one side or the other of it by every hard stop
+    of the first drive, and slow ones leave it: W. Goldsmith, "Impact" (1960). The size is the play.
     """
 
     def setup(self) -> None:
@@ -152,13 +173,16 @@ class Reseat(Effect):
             )
             for _ in self.site.machine.sliders
         ]
+        self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let all travel after the onset turn the ball, or all stops move the holder."""
+        """Let all travel after the onset turn the ball, or all stops move the holder or the ball."""
         if self.variant == "turning_ball":
             self._ways[drive].record(leg)
         elif self.variant == "sliding_holder":
             self._stops[drive].record(leg)
+        elif self.variant == "thrown_ball" and drive == 0:
+            self._thrown.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
@@ -191,6 +215,8 @@ class Reseat(Effect):
                 NEST_PART, np.full(len(state), self.site.start_s + self.values["onset_s"])
             )
             y = np.outer(grown_k / NEST_K, self.shifts[0])
+        elif self.variant == "thrown_ball":
+            y = np.outer(0.5 * self._thrown.at(state, 0), self.shifts[0])
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -217,8 +243,9 @@ EFFECTS = (
             "passers_by",
             "shaken_stand",
             "settling_legs",
+            "thermostat",
         ),
-        final="settling_legs",
+        final="thermostat",
         reveals="time or motions made, floor nests",
         make=StationDrift,
     ),
@@ -242,9 +269,10 @@ EFFECTS = (
             "warm_jet",
             "filling_box",
             "cold_walls",
+            "stirred",
         ),
-        final="cold_walls",
-        reveals="angles, or ranges, against height and distance, all SMRs and nests alike",
+        final="stirred",
+        reveals="angles, or ranges, against height and distance, by variant motions made, all SMRs and nests alike",
         make=Refraction,
     ),
     EffectSpec(
@@ -263,9 +291,10 @@ EFFECTS = (
             "turning_ball",
             "sliding_holder",
             "warm_nest",
+            "thrown_ball",
         ),
-        final="warm_nest",
-        reveals="time or distance and speed moved, a temperature swing, one SMR against the others",
+        final="thrown_ball",
+        reveals="time, or distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),

@@ -13,6 +13,7 @@ SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
 HELD = 0.12  # share of a step by which a counter switches late, in either direction
 BITS, FILLS = 4, (0.75, 1.0)  # of a converter; share of its range that the signals fill
 IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
+SET_K, SIGNALS_K = (1.5, 4.0), 3.0  # how far from the reference signals were corrected; kelvin that give the size
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 
@@ -34,6 +35,10 @@ class Interpolation(Effect):
     third harmonic of the signals has the opposite sign, and with it the error four times a period.
     `few_bits`: both signals go through a converter of BITS bits before the arc tangent, which so goes in steps of
     unequal width: quantisation in W. Kester, "Analog-Digital Conversion" (2004). The RMS is that of a sine of the size.
+    `warm_signals`: a stored code corrects offset and gain of the signals as they were at one temperature, and what has
+    changed since then goes with the temperature: N. Hagiwara, Y. Suzuki, H. Murase, "A Method of Improving the
+    Resolution and Accuracy of Rotary Encoders Using a Code Compensation Technique" (1992). The size is that of
+    SIGNALS_K.
     """
 
     def setup(self) -> None:
@@ -43,6 +48,7 @@ class Interpolation(Effect):
         self.gap = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.levels = (2**BITS - 1) / 2.0 * float(self.rng.uniform(*FILLS))  # of the signals' amplitude
         self.rms = float(np.std(self._in_steps(np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False))))
+        self.set_k = float(self.rng.uniform(*SET_K)) * float(self.rng.choice([-1.0, 1.0]))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider: the count is wrong, not the slider, but the drive goes by its count."""
@@ -64,6 +70,10 @@ class Interpolation(Effect):
             y = np.cos(2.0 * np.pi * q / self.image_m + self.gap) * np.sin(4.0 * phase)
         elif self.variant == "few_bits":
             y = math.sqrt(0.5) * self._in_steps(phase) / self.rms
+        elif self.variant == "warm_signals":
+            machine = self.site.machine
+            above_k = state.parts_c[machine.expansion["drives"].sensor] - machine.reference_temperature_c
+            y = (above_k - self.set_k) / SIGNALS_K * (np.sin(phase) + 0.5 * np.sin(2.0 * phase + 1.0))
         elif self.variant == "harmonics":
             y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
@@ -109,9 +119,10 @@ EFFECTS = (
             "coarse_count",
             "self_images",
             "few_bits",
+            "warm_signals",
         ),
-        final="few_bits",
-        reveals="many drive positions off a grid, SMRs on the sliders",
+        final="warm_signals",
+        reveals="many drive positions off a grid, by variant temperature, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
     ),

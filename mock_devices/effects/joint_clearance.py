@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, Effect, MotionState
+from mock_devices.effects.base import Array, Deviation, Effect, Leg, MotionState
+from mock_devices.effects.leg_memory import LegMemory, ways_m
 from mock_devices.effects.strut_laws import (
     CONTACT_M,
     ball_bearing,
@@ -19,6 +20,7 @@ FULL_PAYLOAD_KG = 400.0
 UNWORN, WORN_RAD = 0.2, 0.15  # play of a worn hole far from where it is worn, over that there; how wide it is worn
 OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
 SEATS_KG = 300.0  # payload whose weight seats a pin against its friction
+NEW, WEARS_M = 0.1, 80.0  # play of a new joint over the size; way of its drive after which it has the size
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -41,12 +43,21 @@ class JointClearance(Effect):
     `friction_held`: friction holds the pin on the side to which the last motion has pushed it, as long as it is
     stronger than weight, which seats it on one side: pins at a wall of their clearance in R. S. Haines, "Survey:
     2-Dimensional Motion and Impact at Revolute Joints" (1980).
+    `wearing_pin`: pin and hole were close, and every swing wears them, so that the play grows with the way of the
+    strut's drive: P. Flores, "Modeling and Simulation of Wear in Revolute Clearance Joints in Multibody Systems"
+    (2009). The size is reached after WEARS_M.
     """
 
     def setup(self) -> None:
         """The spring of variant `spring_seated`, to which side it gives way, and how fast a pin sinks."""
         self.spring_n = float(self.rng.uniform(*SPRING_N)) * float(self.rng.choice([-1.0, 1.0]))
         self.sinks_s = float(self.rng.uniform(*OIL_S))
+        self._ways = LegMemory(ways_m)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the motions of the strut's own drive wear its joints."""
+        if self.variant == "wearing_pin" and drive == self.site.machine.struts[self.place].drive:
+            self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Put a dead zone into the strut's law, or seat the pin."""
@@ -78,15 +89,22 @@ class JointClearance(Effect):
             law = spring_seated(c, 0.1 * c, self.spring_n)
         elif self.variant == "ball_bearing":
             law = ball_bearing(c, CONTACT_M)
-        elif self.variant == "worn_hole":
-            worn = np.exp(-((swing_rad(self.site.machine, i, state.q_m) / WORN_RAD) ** 2))
-            law = dead_zone(c * (UNWORN + (1.0 - UNWORN) * worn), 0.1 * c)
-        elif self.variant == "load_dependent":
-            law = dead_zone(c * np.exp(-state.payload_kg / FULL_PAYLOAD_KG), 0.1 * c)
         else:
-            law = dead_zone(c, 0.1 * c)
+            law = dead_zone(c * self._share(state), 0.1 * c)
         if c > 0.0:
             deviation.laws.setdefault(i, []).append(law)
+
+    def _share(self, state: MotionState) -> Array | float:
+        """Play of a plain dead zone (n,) over the size."""
+        i = self.place
+        if self.variant == "worn_hole":
+            worn = np.exp(-((swing_rad(self.site.machine, i, state.q_m) / WORN_RAD) ** 2))
+            return np.asarray(UNWORN + (1.0 - UNWORN) * worn)
+        if self.variant == "wearing_pin":
+            return NEW + (1.0 - NEW) * self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / WEARS_M
+        if self.variant == "load_dependent":
+            return np.asarray(np.exp(-state.payload_kg / FULL_PAYLOAD_KG))
+        return 1.0
 
 
 def _sunk(rested: Array) -> Array:

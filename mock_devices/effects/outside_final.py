@@ -5,125 +5,125 @@ Their plain variant, which is what the description says, is the one of final sco
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, EffectParameter, MotionState, StationSight
 from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
 
-OVAL = 0.4  # twice a turn, over once a turn
-BEAM = (0.3, 0.8)  # tilt of the beam over that of the axis
-FOOT_M = -1.2
-HOUR_S = 3600.0
+BALLS, ORBIT = (12, 20), 0.42  # of a bearing; turns of its cage in one turn of the axis
+HOSE_AT, STIFFER_K = 0.1 + 0.2j, 6.0  # point of the platform; by how much colder a hose is stiffer by e
+FILM, THINS_S = 0.7, (6.0, 20.0)  # exponent of the speed; time in which a film is pressed out to 1 / sqrt(2)
+HANGS, DRAGS = 0.6, 0.4  # share of a chain's moment that goes with its height, and that of its friction
 
 
-class ReferenceRange(OutsideEffect):
-    """The station counts ranges from its home position, which it finds a little differently after every loss of beam.
+class BearingWobble(OutsideEffect):
+    """Balls of unequal size under the station's standing axis tilt it, whichever of them come by.
 
-    Somebody who exchanges the payload stands in the beam. The reference of an interferometer in ASME B89.4.19,
-    "Performance Evaluation of Laser-Based Spherical Coordinate Measurement Systems" (2006).
+    The balls go round more slowly than the axis turns, so that the tilt repeats by their number times the turns of
+    their cage and not with the circle: T. A. Harris, "Rolling Bearing Analysis" (1966).
     """
 
     def setup(self) -> None:
-        """The range at home each time, at first as large as the size."""
+        """How often the axis is tilted in a turn."""
         super().setup()
-        self.levels[0] = math.copysign(1.0, self.levels[0])
+        self.waves = ORBIT * float(self.rng.integers(BALLS[0], BALLS[1] + 1))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Count all ranges from another place."""
-        off = self.levels[state.exchanges.astype(int) % len(self.levels)]
-        sight.distance_m += self.size * apply_variant(off, self.variant, state.payload_kg)[:, None]
+        """Tilt the axis towards what is aimed at, and to its side a quarter of a wave later."""
+        ball = self.waves * sight.hz_rad + self.phase
+        towards, aside = (
+            self.size * apply_variant(y, self.variant, state.payload_kg[:, None]) for y in (np.cos(ball), np.sin(ball))
+        )
+        sight.hz_rad += aside / np.tan(sight.v_rad)
+        sight.v_rad += towards
 
 
-class CircleEccentricity(OutsideEffect):
-    """The station's circles sit beside their axes and are not quite round, and one head reads each.
+class StiffHose(OutsideEffect):
+    """A hose of plastic that is tied to frame and platform draws the platform back to the middle, more when it is cold.
 
-    Errors once and twice a turn: R. Loser, S. Kyle, "Alignment and Field Check Procedures for the Leica Laser Tracker
-    LTD 500" (1999).
-    """
-
-    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Read the circles wrongly."""
-        sight.hz_rad += self._off(sight.hz_rad, self.levels[:2], state.payload_kg[:, None])
-        sight.v_rad += self._off(sight.v_rad, self.levels[2:4], state.payload_kg[:, None])
-
-    def _off(self, angle_rad: Array, phases: Array, payload_kg: Array) -> Array:
-        """Error of one circle (n, smrs), with phases from -1 to 1 half turns."""
-        y = np.sin(angle_rad + np.pi * phases[0]) + OVAL * np.sin(2.0 * angle_rad + np.pi * phases[1])
-        return self.size * apply_variant(y, self.variant, payload_kg)
-
-
-class TiltedAxis(OutsideEffect):
-    """The station's transit axis is not square to its standing axis, nor the beam to the transit axis.
-
-    The horizontal circle is off by the cotangent of the zenith angle, and by one over its sine: B. Muralikrishnan, D.
-    Sawyer, C. Blackburn, S. Phillips, B. Borchardt, W. T. Estler, "ASME B89.4.19 Performance Evaluation Tests and
-    Geometric Misalignments in Laser Trackers" (2009). The size is the tilt of the axis.
-    """
-
-    def setup(self) -> None:
-        """Tilt of the beam over that of the axis."""
-        super().setup()
-        self.beam = float(self.rng.uniform(*BEAM)) * float(self.rng.choice([-1.0, 1.0]))
-
-    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Aim beside all that is not level with the station."""
-        off = (np.cos(sight.v_rad) + self.beam) / np.sin(sight.v_rad)
-        sight.hz_rad += self.size * apply_variant(off, self.variant, state.payload_kg[:, None])
-
-
-class DampGranite(OutsideEffect):
-    """Water was spilt on a bed of granite: its upper face swells, the bed bows and its columns lean outwards.
-
-    Stone takes up water with the root of time: C. Hall, W. D. Hoff, "Water Transport in Brick, Stone and Concrete"
-    (2002). The size is the lean of a column after an hour.
+    Stiffness of polymers against temperature: H. Leaderman, "Elastic and Creep Properties of Filamentous Materials and
+    Other High Polymers" (1943). The size is its force at the edge, at the machine's reference temperature.
     """
 
     def _unit(self, state: MotionState) -> Array:
-        return np.sqrt(np.maximum(self.elapsed_s(state) - self.moments_s[0], 0.0) / HOUR_S)
+        colder_k = self.site.machine.reference_temperature_c - state.thermal.air_series_c(state.t_s)
+        return -self.platform_x(state) * np.exp(colder_k / STIFFER_K)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lean all columns about their feet, away from the middle."""
-        lean = self.signal(state)
-        for a in range(len(self.site.machine.sliders)):
-            joint = next(strut.base_joint for strut in self.site.machine.struts if strut.drive == a)
-            outwards = math.copysign(1.0, -joint.real) * lean
-            deviation.sideways_m[:, a] += outwards * (state.q_m[:, a] + joint.imag - FOOT_M)
-            deviation.yaw_rad[:, a] += outwards
+        """Pull sideways at the platform's upper edge."""
+        deviation.loads.append((np.full(len(state), HOSE_AT), self.signal(state).astype(np.complex128)))
+
+
+class FloatingBall(OutsideEffect):
+    """A strut's joint floats up on its grease while it swings, and its load presses the grease out again at rest.
+
+    The film grows with the power 0.7 of the speed: D. Dowson, G. R. Higginson, "Elasto-Hydrodynamic Lubrication"
+    (1966). At rest it thins with one over the root of time.
+    """
+
+    def setup(self) -> None:
+        """How fast the film is pressed out."""
+        super().setup()
+        self.thins_s = float(self.rng.uniform(*THINS_S))
+
+    def _unit(self, state: MotionState) -> Array:
+        drive = self.site.machine.struts[self.place].drive
+        film = (np.maximum(state.speed_m_per_s[:, drive], 0.0) / 0.5) ** FILM
+        return np.asarray(film / np.sqrt(1.0 + state.since_s[:, drive] / self.thins_s))
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Lengthen the strut."""
+        deviation.length_m[:, self.place] += self.signal(state)
+
+
+class ChainOnCarriage(OutsideEffect):
+    """A chain of cables hangs beside its carriage: it turns that by what it has lifted of it, and by the chain's drag.
+
+    Cables among the disturbances of drives in Y. Altintas, A. Verl, C. Brecher, L. Uriarte, G. Pritschow, "Machine Tool
+    Feed Drives" (2011). What hangs grows with the square of the height, as the chain's bend goes up half as far.
+    """
+
+    def _unit(self, state: MotionState) -> Array:
+        low, high = self.site.machine.sliders[self.place].travel_m
+        height = (state.q_m[:, self.place] - low) / (high - low)
+        return np.asarray(HANGS * height**2 + DRAGS * state.direction[:, self.place])
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Turn the carriage."""
+        deviation.yaw_rad[:, self.place] += self.signal(state)
 
 
 EFFECTS = (
     outside_effect(
-        "reference_range",
+        "bearing_wobble",
         "rig",
-        ReferenceRange,
-        EffectParameter("offset_m", 1e-6, 4e-5, 2e-3, "of the range before the first exchange"),
-        "ranges against exchanges of payload, all SMRs and nests alike",
+        BearingWobble,
+        EffectParameter("tilt_rad", 1e-6, 2e-5, 1e-3, "of the standing axis, either way"),
+        "horizontal angle, in short waves, all SMRs and nests alike",
         final_only=True,
     ),
     outside_effect(
-        "circle_eccentricity",
+        "stiff_hose",
         "rig",
-        CircleEccentricity,
-        EffectParameter("error_rad", 1e-6, 1e-4, 2e-3, "once a turn, of both angles"),
-        "angles, all SMRs and nests alike",
+        StiffHose,
+        EffectParameter("force_n", 5.0, 400.0, 9000.0, "at the edge, at the reference temperature"),
+        "x, temperature of the air",
         final_only=True,
     ),
     outside_effect(
-        "tilted_axis",
-        "rig",
-        TiltedAxis,
-        EffectParameter("tilt_rad", 1e-6, 2e-4, 5e-3, "of the transit axis"),
-        "height, all SMRs and nests alike",
+        "floating_ball",
+        "strut",
+        FloatingBall,
+        EffectParameter("film_m", 1e-6, 3e-5, 2e-3, "at 0.5 m/s"),
+        "speed, dwell",
         final_only=True,
     ),
     outside_effect(
-        "damp_granite",
-        "rig",
-        DampGranite,
-        EffectParameter("lean_rad", 1e-6, 2e-5, 1e-3, "after an hour"),
-        "time, both columns at once, SMRs on the sliders against the floor nests",
+        "chain_on_carriage",
+        "drive",
+        ChainOnCarriage,
+        EffectParameter("yaw_rad", 2e-6, 6e-5, 2e-3, "at the upper end, going up"),
+        "drive coordinate, direction, platform rotation; not a slider's SMR",
         final_only=True,
     ),
 )

@@ -1,4 +1,4 @@
-"""Effects outside the catalogue in cables, threads, beams and platforms, each from a published description."""
+"""Effects outside the catalogue in cables, threads, beams, beds and platforms, each from a published description."""
 
 from __future__ import annotations
 
@@ -16,6 +16,7 @@ HOLDER = 0.25 + 0.3j  # of the frame, which holds it: inwards from the first col
 SLACK = 0.8  # length of the cable over the longest distance that it spans
 SWING_M, SWINGS = 0.15, 100.0  # travel below which a thread sticks; longer motions that unscrew it by the size
 WIRE_RAD, WIRE_AT_RAD = 0.015, (-0.06, 0.06)  # half the beam's width as seen from the station; where a wire hangs
+FOOT_M, HOUR_S = -1.2, 3600.0  # height of a column's foot
 NEUTRAL_M = -0.12  # height of the platform's neutral line
 
 
@@ -123,6 +124,26 @@ def _sagged(place: complex, half_m: float) -> complex:
     return complex(-slope * (place.imag - NEUTRAL_M), -down)
 
 
+class DampGranite(OutsideEffect):
+    """Water was spilt on a bed of granite: its upper face swells, the bed bows and its columns lean outwards.
+
+    Stone takes up water with the root of time: C. Hall, W. D. Hoff, "Water Transport in Brick, Stone and Concrete"
+    (2002). The size is the lean of a column after an hour.
+    """
+
+    def _unit(self, state: MotionState) -> Array:
+        return np.sqrt(np.maximum(self.elapsed_s(state) - self.moments_s[0], 0.0) / HOUR_S)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Lean all columns about their feet, away from the middle."""
+        lean = self.signal(state)
+        for a in range(len(self.site.machine.sliders)):
+            joint = next(strut.base_joint for strut in self.site.machine.struts if strut.drive == a)
+            outwards = math.copysign(1.0, -joint.real) * lean
+            deviation.sideways_m[:, a] += outwards * (state.q_m[:, a] + joint.imag - FOOT_M)
+            deviation.yaw_rad[:, a] += outwards
+
+
 EFFECTS = (
     outside_effect(
         "short_tether",
@@ -151,5 +172,12 @@ EFFECTS = (
         SaggingPlatform,
         EffectParameter("sag_m", 1e-6, 4e-5, 1e-3, "under itself and 400 kg"),
         "payload, distances between SMRs of the platform",
+    ),
+    outside_effect(
+        "damp_granite",
+        "rig",
+        DampGranite,
+        EffectParameter("lean_rad", 1e-6, 2e-5, 1e-3, "after an hour"),
+        "time, both columns at once, SMRs on the sliders against the floor nests",
     ),
 )

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Effect, MotionState, StationSight
+from mock_devices.effects.base import Array, Effect, Leg, MotionState, StationSight
+from mock_devices.effects.followers import Stirred
 from mock_devices.effects.warming import AIR, lag_behind
 
 LIGHT_PER_K = -0.93e-6  # refractive index of air against temperature
@@ -23,6 +24,7 @@ FRONT_M, FRONT_HALF_M = (2.5, -1.5), 0.25  # ceiling and floor against the stati
 FILLS_S = (600.0, 2500.0)  # time constant of warm air that fills a room
 ABOVE = 0.3  # gradient above the front, over that in it
 WALLS_S, WALLS_K = (3000.0, 8000.0), 1.5  # time constant of walls; what they lag behind by for the whole gradient
+STIRS_M, FORMS_S = 15.0, (500.0, 1500.0)  # way in which a drive mixes the air to 1 / e; in which layers form anew
 JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of the line before it, width, half height
 JET_M = (-0.25, 0.05)  # its middle above the station
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
@@ -53,6 +55,8 @@ class Refraction(Effect):
     `cold_walls`: walls of the hall on one side lag behind its air, and the air is cooler towards them while it grows
     warmer, the other way round while it cools: gradients to the side in W. T. Estler, K. L. Edmundson, G. N. Peggs, D.
     H. Parker, "Large-Scale Metrology: An Update" (2002). The gradient is that of walls which lag behind by WALLS_K.
+    `stirred`: the machine's motions mix the layers of the hall, which form anew while it rests: P. F. Linden, "Mixing
+    in Stratified Fluids" (1979). Each drive stirs its part. The gradient is that of layers at rest.
     """
 
     def setup(self) -> None:
@@ -61,6 +65,13 @@ class Refraction(Effect):
         self.jet_m = float(self.rng.uniform(*JET_M))
         self.fills_s = float(self.rng.uniform(*FILLS_S))
         self.walls_s = float(self.rng.uniform(*WALLS_S))
+        self.forms_s = float(self.rng.uniform(*FORMS_S))
+        self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let every motion mix the layers."""
+        if self.variant == "stirred":
+            self._stirred[drive].record(leg)
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Bend the line of sight, or stretch it."""
@@ -73,16 +84,12 @@ class Refraction(Effect):
             return
         bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
         height = sight.points_m[..., 2]
-        if self.variant == "cold_floor":
-            sight.v_rad += bend * self._cold_gradient(state, height) * np.sin(sight.v_rad)
+        if self.variant in ("cold_floor", "filling_box", "two_layers", "stirred"):
+            sight.v_rad += bend * self._gradient(state, height) * np.sin(sight.v_rad)
         elif self.variant == "warm_jet":
             off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
             slope = -math.sqrt(2.0 * math.e) * off * np.exp(-(off**2))
             sight.v_rad += LIGHT_PER_K * self.size * JET_WIDE_M * (1.0 - JET_SHARE) * slope * np.sin(sight.v_rad)
-        elif self.variant == "filling_box":
-            sight.v_rad += bend * self._front_gradient(state, height) * np.sin(sight.v_rad)
-        elif self.variant == "two_layers":
-            sight.v_rad += bend * self._mean_gradient(height) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
             sight.v_rad += bend * (1.0 + 1.5 * height)
         elif self.variant == "warming":
@@ -106,6 +113,16 @@ class Refraction(Effect):
         if self.variant == "index_late":  # entered by hand, now and then
             start = start + np.floor(self.elapsed_s(state) / UPDATE_S) * UPDATE_S
         return weather_k(state, state.t_s) - weather_k(state, start)
+
+    def _gradient(self, state: MotionState, height_m: Array) -> Array:
+        """Mean gradient over a line to a height, weighted towards the station, over the size."""
+        if self.variant == "cold_floor":
+            return self._cold_gradient(state, height_m)
+        if self.variant == "filling_box":
+            return self._front_gradient(state, height_m)
+        if self.variant == "stirred":
+            return np.mean([part.at(state, drive) for drive, part in enumerate(self._stirred)], axis=0)[:, None]
+        return self._mean_gradient(height_m)
 
     def _mean_gradient(self, height_m: Array) -> Array:
         """Mean gradient over a line to a height, weighted towards the station, over that in the layer's middle."""

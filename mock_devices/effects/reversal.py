@@ -29,6 +29,8 @@ NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # a nut's warmth: decay; mean
 REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, travel; share of friction without structure
 GAP_PER_K = 0.25  # of a play, by which housing and screw change it together
 VOGEL_K, VOGEL_C = 1000.0, -95.0  # of an oil for gears, at 20 degrees
+NEW, WEARS_M = 0.15, 100.0  # play of a new nut over the size; way of its drive after which it has the size
+LIPS, LIPS_DOWN = 0.35, 0.45  # friction of seals: share that no speed changes; downwards over upwards
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
@@ -69,6 +71,8 @@ class Backlash(_Play):
     `temperature_gap`: housing and screw are of different metals, and the play between them opens or closes, by lot,
     with the drive's temperature: clearance and temperature in A. H. Slocum, "Precision Machine Design" (1992). The size
     is that at the reference temperature.
+    `wearing`: a nut that was new wears with the way that it runs under its load, and its play grows as evenly: I. V.
+    Kragelsky, "Friction and Wear" (1965). The size is the play after WEARS_M.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -79,6 +83,8 @@ class Backlash(_Play):
         super().record_leg(drive, leg)
         if self.variant == "warm_nut" and drive == self.place:
             self._nut.record(leg)
+        if self.variant == "wearing" and drive == self.place:
+            self._worn.record(leg)
         if self.variant == "nested_plays":
             states = self._nested[drive]
             moved = states[-1] - (leg.to_m - leg.from_m)
@@ -110,6 +116,7 @@ class Backlash(_Play):
         """The play that is used up on a reversal; the variants change what is seen of it."""
         self.half_m = max(0.5 * self.size, 1e-12)
         self._nut = LegMemory(ways_m, NUT_S)
+        self._worn = LegMemory(ways_m)
         self._nested = [[np.zeros(len(self.nested_half_m))] for _ in self.site.machine.sliders]
         if self.variant == "soft":  # balls and grooves give way: a gradual loop, wider than the usual approach
             self.half_m += 8.0e-3
@@ -135,6 +142,8 @@ class Backlash(_Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
+        elif self.variant == "wearing":
+            offset = offset * (NEW + (1.0 - NEW) * self._worn.at(state, a)[:, 0] / WEARS_M)
         elif self.variant == "temperature_gap":
             offset = offset * np.maximum(1.0 + self.opens_per_k * above_reference_k(self.site, state), 0.0)
         elif self.variant == "runs_on":
@@ -172,6 +181,9 @@ class FrictionWindup(_Play):
     is that in the middle of all travels without payload.
     `ambient_viscosity`: oil that is as warm as the drive's sensor says rubs by its viscosity: H. Vogel, "Das
     Temperaturabhängigkeitsgesetz der Viskosität von Flüssigkeiten" (1921). `friction_n` is that at the reference.
+    `seal_lips`: the lips of its seals rub on a film that grows with the root of the speed, and being cut aslant on one
+    side they rub less downwards than upwards: H. K. Müller, B. S. Nau, "Fluid Sealing Technology" (1998). `friction_n`
+    is that upwards at the reference speed.
     """
 
     def setup(self) -> None:
@@ -223,6 +235,9 @@ class FrictionWindup(_Play):
             reference_c = self.site.machine.reference_temperature_c
             now_c = reference_c + above_reference_k(self.site, state)
             friction = friction * np.exp(VOGEL_K / (now_c - VOGEL_C) - VOGEL_K / (reference_c - VOGEL_C))
+        elif self.variant == "seal_lips":
+            film = np.sqrt(state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S)
+            friction = friction * (LIPS + (1.0 - LIPS) * film) * np.where(friction > 0.0, 1.0, LIPS_DOWN)
         elif self.variant == "guide_pressed":
             own_kg = self.site.machine.moving_mass_kg
             pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
@@ -277,8 +292,9 @@ EFFECTS = (
             "warm_nut",
             "runs_on",
             "temperature_gap",
+            "wearing",
         ),
-        final="temperature_gap",
+        final="wearing",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, temperature, earlier "
         "motions",
         make=Backlash,
@@ -297,8 +313,9 @@ EFFECTS = (
             "thixotropic",
             "guide_pressed",
             "ambient_viscosity",
+            "seal_lips",
         ),
-        final="ambient_viscosity",
+        final="seal_lips",
         reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, earlier motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,

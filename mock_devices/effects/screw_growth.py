@@ -7,13 +7,14 @@ import math
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState, StatefulEffect
-from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.leg_memory import Leaves, LegMemory
 
 DUTY_M_PER_S = 0.01
 BEARING_FIN_M = 0.35
 BEARING_M_PER_S = 0.5
 CELLS = 46  # of a screw
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
+LIFTS, HOIST_FIN_M = 0.03, 0.6  # share of its time for which a drive lifts to end at the size; see MOTOR_FIN_M
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
@@ -43,6 +44,10 @@ class ScrewGrowth(StatefulEffect):
     `nut_then_screw`: friction warms the nut, and the nut warms the screw, which goes on growing after a motion: the nut
     as a source of heat in S. K. Kim, D. W. Cho, "Real-Time Estimation of Temperature Distribution in a Ball-Screw
     System" (1997), here with one temperature each.
+    `lifting`: the current that lifts the load warms the motor as long as it goes up; what comes down brakes into
+    resistors elsewhere, and a brake holds it at rest: H. Gross, J. Hamann, G. Wiegärtner, "Electrical Feed Drives in
+    Automation" (2001). The motor warms the upper end of a screw that is held below. A slow lift takes longer and so
+    warms it more. The size is reached by lifting for LIFTS of the time.
     """
 
     def setup(self) -> None:
@@ -55,6 +60,7 @@ class ScrewGrowth(StatefulEffect):
         per_m = 1.0 / (DUTY_M_PER_S * self.values["tau_s"])
         fades_s = (self.values["tau_s"], NUT * self.values["tau_s"])
         self._through_nut = LegMemory(lambda way, _speed, _: per_m * np.abs(way), *fades_s)
+        self._lifts = LegMemory(_lifting(LIFTS * self.values["tau_s"]), self.values["tau_s"])
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -69,6 +75,8 @@ class ScrewGrowth(StatefulEffect):
             self._chilled.record(leg)
         if self.variant == "nut_then_screw" and drive == self.place:
             self._through_nut.record(leg)
+        if self.variant == "lifting" and drive == self.place:
+            self._lifts.record(leg)
 
     def _warmed(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
         """Warmth (n, cells) at t_s; each pass of a cell leaves in it what it would leave in a screw run all over."""
@@ -121,6 +129,13 @@ class ScrewGrowth(StatefulEffect):
             way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
             deviation.travel_m[:, a] += alpha * self.size * self._chilled.at(state, a) * way_m
             return
+        if self.variant == "lifting":
+            low, high = self.site.machine.sliders[a].travel_m
+            warm_m = HOIST_FIN_M * (
+                np.exp((state.q_m[:, a] - high) / HOIST_FIN_M) - math.exp((low - high) / HOIST_FIN_M)
+            )
+            deviation.travel_m[:, a] += alpha * self.size * self._lifts.at(state, a)[:, 0] * warm_m
+            return
         if self.variant == "nut_then_screw":
             way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
             screw, nut = self._through_nut.at(state, a).T
@@ -146,6 +161,11 @@ class ScrewGrowth(StatefulEffect):
         else:
             way_m = x
         deviation.travel_m[:, a] += alpha * warm * way_m
+
+
+def _lifting(whole_s: float) -> Leaves:
+    """Time for which a leg lifts, over a whole."""
+    return lambda way, speed, _: np.maximum(way, 0.0) / np.maximum(speed, 1.0e-6) / whole_s
 
 
 class ChilledMemory:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cmath
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mock_devices.effects.base import (
     GRAVITY_M_PER_S2,
@@ -25,6 +26,8 @@ NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature
 LATE_S = 2400.0
 SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period, time constant, speed
 LIGHT_METAL = 4.0  # how far light metal is off from steel, over one steel from another
+FEET_K = (0.2, 0.6)  # by how much warmer a frame pushes its feet on
+FILLS_S, DRAINS_S = 150.0, 400.0  # of coolant on the platform: time constants with and without its pump
 CHIPS_S = 3600.0  # in which the whole size has gathered
 _GRID_S = 30.0
 
@@ -46,6 +49,9 @@ class ExpansionCoefficient(Effect):
     gauge blocks do in T. Doiron, J. Beers, "The Gauge Block Handbook" (1995). The others grow as stated.
     `platform_metal`: the platform is of light metal, with a coefficient that is LIGHT_METAL times the size beyond the
     stated one of steel, and grows with its joints and reflectors: A. H. Slocum, "Precision Machine Design" (1992).
+    `jumping_feet`: friction holds the feet of the frame, which grows beyond what is stated by jumps: not until its
+    growth has strained it enough does it push its feet on, all the way: M. Weck, "Handbook of Machine Tools", vol. 4
+    (1984).
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -56,6 +62,7 @@ class ExpansionCoefficient(Effect):
         self.across = cmath.exp(1j * angle) if self.variant == "fibres" else None
         struts = len(self.site.machine.struts)
         self.batch = np.isin(np.arange(struts), self.rng.permutation(struts)[: struts // 2]).astype(np.float64)
+        self.feet_k = float(self.rng.uniform(*FEET_K))
 
     def warmth_k(self, state: MotionState, part: str) -> Array:
         """Recorded temperature of a part above the machine file's reference (n,)."""
@@ -64,13 +71,10 @@ class ExpansionCoefficient(Effect):
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Grow the frame, the screws or both, or bend the columns."""
-        if self.variant == "nickel_steel":
+        if self.variant in ("nickel_steel", "late_growth"):
             warmer_k = self.warmth_k(state, "struts")
-            strain = self.size * warmer_k * (1.0 + warmer_k / NICKEL_K)
-            deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
-            return
-        if self.variant == "late_growth":
-            strain = self.size * self._late_k(state)
+            grown_k = self._late_k(state) if self.variant == "late_growth" else warmer_k * (1.0 + warmer_k / NICKEL_K)
+            strain = self.size * grown_k
             deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
             return
         if self.variant == "two_batches":
@@ -80,6 +84,9 @@ class ExpansionCoefficient(Effect):
             return
         if self.variant == "platform_metal":
             self._grow_platform(LIGHT_METAL * self.size * self.warmth_k(state, "platform"), deviation)
+            return
+        if self.variant == "jumping_feet":
+            self._grow_frame(self.size * self._jumped_k(state), deviation)
             return
         if self.variant == "bimetal":
             self._bend(state, deviation)
@@ -134,6 +141,18 @@ class ExpansionCoefficient(Effect):
         sensed = state.thermal.part_series_c(sensor, ends_s)
         return lag_behind(state, sensor, self.site.start_s, LATE_S) + sensed[1:] - sensed[0]
 
+    def _jumped_k(self, state: MotionState) -> Array:
+        """Warmth of the frame above the reference when its feet last jumped (n,)."""
+        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
+        sensor, reference_c = self.site.machine.expansion["base"].sensor, self.site.machine.reference_temperature_c
+        warmth_k = (state.thermal.part_series_c(sensor, grid) - reference_c).tolist()
+        jumped, held = np.empty_like(grid), warmth_k[0]
+        for i, now in enumerate(warmth_k):
+            held = now if abs(now - held) > self.feet_k else held
+            jumped[i] = held
+        at = np.searchsorted(grid, state.t_s, side="right") - 1
+        return np.asarray(jumped[np.maximum(at, 0)])
+
     def _bend(self, state: MotionState, deviation: Deviation) -> None:
         curvature = 1.5 * self.size * self.warmth_k(state, "drives") / self.thickness_m
         for a, slider in enumerate(self.site.machine.sliders):
@@ -163,6 +182,9 @@ class Payload(Effect):
     `gathering_chips`: chips that fall onto the platform stay there, with any payload or none, evenly from the
     campaign's begin: chips that remain in a machine in K. Weinert, I. Inasaki, J. W. Sutherland, T. Wakabayashi, "Dry
     Machining and Minimum Quantity Lubrication" (2004). The size is that after CHIPS_S.
+    `coolant_pool`: coolant stands on the platform, with any payload or none, as high as its edge while the pump runs,
+    and drains when that is switched off: outflow in H. Rouse, "Elementary Mechanics of Fluids" (1946), here with a time
+    constant for either. The size is the mass up to the edge.
     """
 
     def setup(self) -> None:
@@ -170,6 +192,10 @@ class Payload(Effect):
         self.turn = cmath.exp(1j * float(self.rng.uniform(0.0, 2.0 * np.pi)))
         self.exchange = 1 + 2 * int(self.rng.integers(2))
         self.empty_s = float(self.rng.uniform(3600.0, 9000.0))
+        self.pump_s = np.concatenate([[0.0], np.cumsum(self.rng.uniform(400.0, 1200.0, 40))])  # off, on, off ...
+        self.pool = [0.0]
+        for k, lasts_s in enumerate(np.diff(self.pump_s).tolist()):
+            self.pool.append(float(_pooled(np.array(self.pool[-1]), np.array(k), np.array(lasts_s))))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add mass, which the drives' torque shows, or move the centre, which it does not."""
@@ -189,6 +215,10 @@ class Payload(Effect):
             extra_kg = 2.0 * self.size * mounted * self._lifted(state)
         elif self.variant == "gathering_chips":
             extra_kg = self.size * self.elapsed_s(state) / CHIPS_S
+        elif self.variant == "coolant_pool":
+            t = self.elapsed_s(state)
+            k = np.searchsorted(self.pump_s, t, side="right") - 1
+            extra_kg = self.size * _pooled(np.array(self.pool)[k], k, t - self.pump_s[k])
         elif self.variant == "draining":
             extra_kg = self.size * mounted * np.maximum(1.0 - self.elapsed_s(state) / self.empty_s, 0.0) ** 2
         elif self.variant == "tool_left_on":
@@ -204,6 +234,12 @@ class Payload(Effect):
         """Height of the platform (n,) by its drives, from 0 to 1."""
         ends = np.array([slider.travel_m for slider in self.site.machine.sliders])
         return np.asarray(((state.q_m - ends[:, 0]) / (ends[:, 1] - ends[:, 0])).mean(axis=1))
+
+
+def _pooled(begins: Array, number: NDArray[np.intp], lasts_s: Array) -> Array:
+    """How full a platform is (n,) some time after its pump was switched for the k-th time: on for odd numbers."""
+    runs = number % 2 == 1
+    return np.asarray(runs + (begins - runs) * np.exp(-lasts_s / np.where(runs, FILLS_S, DRAINS_S)))
 
 
 def _sloshed(state: MotionState) -> Array:
@@ -231,8 +267,9 @@ EFFECTS = (
             "late_growth",
             "two_batches",
             "platform_metal",
+            "jumping_feet",
         ),
-        final="platform_metal",
+        final="jumping_feet",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
@@ -251,8 +288,9 @@ EFFECTS = (
             "sloshing",
             "hanging_chain",
             "gathering_chips",
+            "coolant_pool",
         ),
-        final="gathering_chips",
+        final="coolant_pool",
         reveals="payloads, torque; by variant time, dwell, height",
         make=Payload,
     ),
@@ -271,9 +309,10 @@ EFFECTS = (
             "multiplied",
             "moved_zero",
             "both_generations",
+            "ramped",
         ),
-        final="both_generations",
-        reveals="both drives' coordinates, known tables, SMRs on the sliders",
+        final="ramped",
+        reveals="both drives' coordinates, known tables, by variant dwell, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),
     ),

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import (
+    Array,
     Deviation,
     Effect,
     EffectParameter,
     EffectSpec,
     Leg,
     MotionState,
+    Site,
 )
 from mock_devices.effects.joint_clearance import JointClearance
 from mock_devices.effects.leg_memory import LegMemory, motions
@@ -31,6 +33,8 @@ BUCKLES_N = (3000.0, 12000.0)  # force at which a bowed strut would buckle
 AT_ONCE, BED_S = 0.4, (6.0, 20.0)  # of a rail on resin: share of its compliance at once; time constant of the rest
 BOND, BOND_S = 0.3, (4.0, 12.0)  # of a bonded end: share of its compliance at once; time constant of the rest
 FOOT_M = -1.2
+CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
+SOFT_AT_K, SOFTENS_K = (-0.5, 2.0), 3.0  # where an adhesive turns soft, above the reference; half the width of that
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
@@ -56,6 +60,9 @@ class ColumnCompliance(Effect):
     `rocking_foot`: the joint between foot and foundation turns, so that the carriage gives way with the square of its
     height and turns with the column: joints of a machine in D. N. Reshetov, V. T. Portman, "Accuracy of Machine Tools"
     (1988).
+    `warm_resin`: the resin under the rail yields faster and so further the warmer the column is, by the shift of M. L.
+    Williams, R. F. Landel, J. D. Ferry, "The Temperature Dependence of Relaxation Mechanisms in Amorphous Polymers and
+    Other Glass-Forming Liquids" (1955). The size is that at the reference temperature.
     """
 
     def setup(self) -> None:
@@ -87,9 +94,8 @@ class ColumnCompliance(Effect):
             span = (state.q_m[:, a] - self.first_m) / BOLTS_M % 1.0
             between = 16.0 * (span * (1.0 - span)) ** 2
             deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_BOLTS + (1.0 - AT_BOLTS) * between)
-        elif self.variant == "resin_bed":
-            crept = 1.0 - np.exp(-state.since_s[:, a] / self.creeps_s)
-            deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_ONCE + (1.0 - AT_ONCE) * crept)
+        elif self.variant in ("resin_bed", "warm_resin"):
+            deviation.carriage_compliance[:, a, _ACROSS] += c * self._resin(state)
         elif self.variant == "rocking_foot":
             strut = next(s for s in self.site.machine.struts if s.drive == a)
             foot_m = FOOT_M - strut.base_joint.imag  # by the drive's coordinate
@@ -102,6 +108,14 @@ class ColumnCompliance(Effect):
             deviation.carriage_compliance[:, a, _ALONG] += c * (2.0 - height)
         else:
             deviation.carriage_compliance[:, a, _ACROSS] += c
+
+    def _resin(self, state: MotionState) -> Array:
+        """Compliance of the resin under the rail (n,) over the size."""
+        if self.variant == "warm_resin":
+            warmer_k = _above_reference_k(self.site, state, "drives")
+            return np.asarray(10.0 ** (CHAINS * warmer_k / (CHAINS_K + warmer_k)))
+        crept = 1.0 - np.exp(-state.since_s[:, self.place] / self.creeps_s)
+        return np.asarray(AT_ONCE + (1.0 - AT_ONCE) * crept)
 
 
 class LinkStiffness(Effect):
@@ -124,6 +138,9 @@ class LinkStiffness(Effect):
     `creeping_bond`: the adhesive of a bonded end gives way by a part at once and by the rest as it creeps after each
     motion, a standard linear solid: N. W. Tschoegl, "The Phenomenological Theory of Linear Viscoelastic Behavior"
     (1989). exp(-size) is the ratio of stiffness after long rest.
+    `warm_adhesive`: the adhesive of a bonded end turns from hard to soft over some kelvin around the temperature of the
+    shop, so that the strut is softer whenever it is warmer: adhesives and temperature in R. D. Adams, W. C. Wake,
+    "Structural Adhesives in Engineering" (1984). exp(-size) is the ratio of stiffness when all of it is soft.
     """
 
     def setup(self) -> None:
@@ -131,6 +148,7 @@ class LinkStiffness(Effect):
         self.preload_n = float(self.rng.uniform(*LOOSE_N))
         self.buckles_n = float(self.rng.uniform(*BUCKLES_N))
         self.creeps_s = float(self.rng.uniform(*BOND_S))
+        self.soft_at_k = float(self.rng.uniform(*SOFT_AT_K))
         self._swings = LegMemory(motions)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -159,6 +177,9 @@ class LinkStiffness(Effect):
             rested_s = state.since_s[:, self.site.machine.struts[i].drive]
             crept = 1.0 - (1.0 - BOND) * np.exp(-rested_s / self.creeps_s)
             deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * crept)
+        elif self.variant == "warm_adhesive":
+            beyond = (_above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
+            deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * 0.5 * (1.0 + np.tanh(beyond)))
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
         elif self.variant == "yielding":
@@ -170,6 +191,11 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= x * (1.0 - np.exp(-swings / LOOSENS))
         else:
             deviation.ln_stiffness[:, i] -= x
+
+
+def _above_reference_k(site: Site, state: MotionState, part: str) -> Array:
+    """Temperature (n,) that a part's sensor shows above the machine's reference."""
+    return state.parts_c[site.machine.expansion[part].sensor] - site.machine.reference_temperature_c
 
 
 _PER_N = EffectParameter(
@@ -194,9 +220,10 @@ EFFECTS = (
             "rail_between_bolts",
             "resin_bed",
             "rocking_foot",
+            "warm_resin",
         ),
-        final="rocking_foot",
-        reveals="payload, SMRs on the sliders, height; by variant dwell",
+        final="warm_resin",
+        reveals="payload, SMRs on the sliders, height; by variant dwell, temperature",
         make=ColumnCompliance,
     ),
     EffectSpec(
@@ -216,9 +243,10 @@ EFFECTS = (
             "loosening",
             "bowed",
             "creeping_bond",
+            "warm_adhesive",
         ),
-        final="creeping_bond",
-        reveals="payload, pose; by variant dwell, the number of motions",
+        final="warm_adhesive",
+        reveals="payload, pose; by variant dwell, the number of motions, temperature",
         make=LinkStiffness,
     ),
     EffectSpec(
@@ -238,9 +266,10 @@ EFFECTS = (
             "oil_journal",
             "worn_hole",
             "friction_held",
+            "wearing_pin",
         ),
-        final="friction_held",
-        reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction",
+        final="wearing_pin",
+        reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction, distance moved",
         make=JointClearance,
     ),
 )

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, Effect, MotionState
+from mock_devices.effects.base import Array, Deviation, Effect, Leg, MotionState
+from mock_devices.effects.followers import PlaceMemory
 from mock_devices.known_tables import KnownTable, draw_known_tables
 
 TABLES_K = 2.0
+RAMPS_S = (5.0, 15.0)  # time constant with which a correction is added
 MOVED_M = (0.08, 0.2)  # how far a zero was moved after the tables were taken
 
 
@@ -28,6 +32,9 @@ class TablesLeftOn(Effect):
     Tools: Numerical Compensation of Geometric Errors" (2015).
     `both_generations`: new tables, taken without any, were entered beside the old ones, which another part of the
     control still adds, so that every drive is corrected twice: levels of compensation in ISO/TR 16907 (2015).
+    `ramped`: a computer beside the control adds the corrections by small steps, so that they are still those of former
+    places when a drive stops: J. Ni, "CNC Machine Accuracy Enhancement Through Real-Time Error Compensation" (1997). It
+    lags behind by its own axis, and follows the other one at once.
     """
 
     def setup(self) -> None:
@@ -40,9 +47,24 @@ class TablesLeftOn(Effect):
         drives = len(self.site.machine.sliders)
         self.drive = int(self.rng.integers(drives))
         self.moved_m = self.rng.uniform(*MOVED_M, drives) * self.rng.choice([-1.0, 1.0], drives)
+        self.ramps_s = float(self.rng.uniform(*RAMPS_S))
+        self._added = [PlaceMemory(self._along_own(a), self.ramps_s) for a in range(drives)]
 
     def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
         return {table.drive: table for table in tables if table.generation == generation}
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the corrections follow their drive."""
+        if self.variant == "ramped":
+            self._added[drive].record(leg)
+
+    def _along_own(self, a: int) -> Callable[[Array], Array]:
+        """The correction of a drive over its own coordinate, the other one in the middle of its nodes."""
+        table = self.active.get(self.site.machine.sliders[a].name)
+        if table is None:
+            return np.zeros_like
+        partner_m = float(np.mean(table.partner_m)) if table.partner else 0.0
+        return lambda q_m: table.correction_m(q_m, np.full_like(q_m, partner_m))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Correct the commands."""
@@ -57,6 +79,8 @@ class TablesLeftOn(Effect):
             if self.variant == "one_drive" and a != self.drive:
                 continue
             correction_m = self._correction_m(self.active, state, a)
+            if self.variant == "ramped":
+                correction_m = correction_m + self._added[a].at(state, a) - self._along_own(a)(state.q_m[:, a])
             if self.variant == "bidirectional":
                 backward = self._correction_m(self.backward, state, a)
                 correction_m = np.where(state.direction[:, a] < 0.0, backward, correction_m)

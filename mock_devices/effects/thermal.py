@@ -14,7 +14,7 @@ from mock_devices.effects.base import (
     MotionState,
     Place,
 )
-from mock_devices.effects.followers import PlaceMemory
+from mock_devices.effects.followers import Fanned, PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S, ScrewGrowth
 from mock_devices.effects.warming import AIR, ahead_of_front, conducted, cooled, cycled, lag_behind, soaked, warm_up
@@ -28,6 +28,9 @@ JOINT_M_PER_S = 0.5
 HEATER_M = 0.35  # from a radiant heater to the strut before it
 SUN_BEGINS_S, SUN_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of sun on a column's face
 THIN_WALL = 0.15  # time constant of a column's thin wall over that of its thick one
+FANS, FANS_M_PER_S = 5.0, 0.5  # what a strut loses beyond still air, over that, at a speed of its drive
+WET_BEGINS_S, WET_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of coolant on a column
+DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
 _TAU = EffectParameter("tau_s", 300.0, 1500.0, 6000.0, "time constant of the part")
@@ -71,6 +74,9 @@ class LinkGrowth(_Warming):
     it ends right before the heater, which it nears with tau_s; away from there it cools.
     `rubbing_joint`: its joint runs dry, and the heat of its friction goes with the way alone, however fast: C. A.
     Coulomb, "Théorie des machines simples" (1785). `rise_k` is where it ends at a mean of 0.01 m/s of its drive.
+    `fanned`: a lamp warms it evenly, and whenever its drive moves it through the air it cools faster, by the root of
+    the speed: L. V. King, "On the Convection of Heat from Small Cylinders in a Stream of Fluid" (1914). `rise_k` is
+    where it ends at rest, which it nears with tau_s.
     """
 
     def setup(self) -> None:
@@ -83,13 +89,14 @@ class LinkGrowth(_Warming):
         middle, half = self.site.drive_range_m(self.site.machine.struts[self.place].drive)
         self.heater_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
         self._shone_on = PlaceMemory(self.shines, tau)
+        self._fanned = Fanned(lambda speed: 1.0 + FANS * np.sqrt(np.maximum(speed, 0.0) / FANS_M_PER_S), tau)
 
     def shines(self, q_m: Array) -> Array:
         """What falls on the strut when its drive stands at q_m (n,), over that right before the heater."""
         return np.asarray((1.0 + ((q_m - self.heater_m) / HEATER_M) ** 2) ** -1.5)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the joint be warmed by its own drive, or the strut where that stands."""
+        """Let the joint be warmed by its own drive, or the strut where that stands or as fast as it moves."""
         if drive != self.site.machine.struts[self.place].drive:
             return
         if self.variant == "joint_heat":
@@ -98,11 +105,15 @@ class LinkGrowth(_Warming):
             self._rubbed.record(leg)
         elif self.variant == "radiant_heater":
             self._shone_on.record(leg)
+        elif self.variant == "fanned":
+            self._fanned.record(leg)
 
     def rise_k(self, state: MotionState) -> Array:
         """The temperature above the sensor (n,)."""
         if self.variant == "radiant_heater":
             return self.size * self._shone_on.at(state, self.site.machine.struts[self.place].drive)
+        if self.variant == "fanned":
+            return self.size * self._fanned.at(state, self.site.machine.struts[self.place].drive)
         if self.variant not in ("joint_heat", "rubbing_joint"):
             return super().rise_k(state)
         memory = self._heat if self.variant == "joint_heat" else self._rubbed
@@ -130,6 +141,8 @@ class ColumnGrowth(_Warming):
     Machine Tools" (1995). The thick wall has tau_s; 1 is a size at which the difference of both walls acts as it is.
     `sun_on_face`: the sun comes through a window and wanders over one face, which is warmer than the other until it has
     cooled again: among the influences of the surroundings in J. Mayr et al., "Thermal Issues in Machine Tools" (2012).
+    `drying`: spilt coolant cools it, at first at a constant rate and then, while the last of it goes, by less and less:
+    both periods of drying in T. K. Sherwood, "The Drying of Solids" (1929). The size is how much cooler it would end.
     """
 
     sensor = "columns"
@@ -141,6 +154,8 @@ class ColumnGrowth(_Warming):
         tau = self.values["tau_s"]
         self.sun_begins_s = float(self.rng.uniform(*SUN_BEGINS_S))
         self.sun_lasts_s = float(self.rng.uniform(*SUN_LASTS_S))
+        self.wet_begins_s = float(self.rng.uniform(*WET_BEGINS_S))
+        self.wet_lasts_s = float(self.rng.uniform(*WET_LASTS_S))
         fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
         self._heat = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), *fades_s)
 
@@ -155,6 +170,14 @@ class ColumnGrowth(_Warming):
         under_s = np.clip(elapsed_s - self.sun_begins_s, 0.0, lasts_s)
         after_s = np.maximum(elapsed_s - self.sun_begins_s - lasts_s, 0.0)
         return cycled(under_s, tau, 2.0 * lasts_s) * np.exp(-after_s / tau)
+
+    def _chilled(self, elapsed_s: Array) -> Array:
+        """How cool (n,) a wet column is, over what coolant that stays would end at."""
+        tau, dries_s = self.values["tau_s"], DRIES * self.values["tau_s"]
+        wet_s = np.clip(elapsed_s - self.wet_begins_s, 0.0, self.wet_lasts_s)
+        after_s = np.maximum(elapsed_s - self.wet_begins_s - self.wet_lasts_s, 0.0)
+        left, goes = np.exp(-after_s / tau), np.exp(-after_s / dries_s)
+        return warm_up(wet_s, tau) * left + (wet_s >= self.wet_lasts_s) * DRIES / (1.0 - DRIES) * (left - goes)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with the column."""
@@ -195,6 +218,8 @@ class ColumnGrowth(_Warming):
             deviation.travel_m[:, self.place] += alpha * self.size * warm_m
         elif self.variant == "fin":
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
+        elif self.variant == "drying":
+            deviation.travel_m[:, self.place] -= alpha * self.size * self._chilled(self.elapsed_s(state)) * height
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
             deviation.travel_m[:, self.place] += 0.5 * grown * height**2
         else:
@@ -232,8 +257,9 @@ EFFECTS = (
             "joint_heat",
             "radiant_heater",
             "rubbing_joint",
+            "fanned",
         ),
-        "rubbing_joint",
+        "fanned",
         "time, a temperature swing; by variant travel, speed and place",
         LinkGrowth,
     ),
@@ -251,8 +277,9 @@ EFFECTS = (
             "rail_heat",
             "two_walls",
             "sun_on_face",
+            "drying",
         ),
-        "sun_on_face",
+        "drying",
         "time or distance moved, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
@@ -269,9 +296,10 @@ EFFECTS = (
             "motor_starts",
             "chilled",
             "nut_then_screw",
+            "lifting",
         ),
-        "nut_then_screw",
-        "time and distance moved, drive coordinate, SMRs on the sliders",
+        "lifting",
+        "time and distance moved, by variant direction and speed, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),
 )

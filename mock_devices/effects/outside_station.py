@@ -1,0 +1,93 @@
+"""Effects outside the catalogue in the station itself, each from a published description."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mock_devices.effects.base import Array, EffectParameter, MotionState, StationSight
+from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
+
+OVAL = 0.4  # twice a turn, over once a turn
+BEAM = (0.3, 0.8)  # tilt of the beam over that of the axis
+
+
+class ReferenceRange(OutsideEffect):
+    """The station counts ranges from its home position, which it finds a little differently after every loss of beam.
+
+    Somebody who exchanges the payload stands in the beam. The reference of an interferometer in ASME B89.4.19,
+    "Performance Evaluation of Laser-Based Spherical Coordinate Measurement Systems" (2006).
+    """
+
+    def setup(self) -> None:
+        """The range at home each time, at first as large as the size."""
+        super().setup()
+        self.levels[0] = math.copysign(1.0, self.levels[0])
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Count all ranges from another place."""
+        off = self.levels[state.exchanges.astype(int) % len(self.levels)]
+        sight.distance_m += self.size * apply_variant(off, self.variant, state.payload_kg)[:, None]
+
+
+class CircleEccentricity(OutsideEffect):
+    """The station's circles sit beside their axes and are not quite round, and one head reads each.
+
+    Errors once and twice a turn: R. Loser, S. Kyle, "Alignment and Field Check Procedures for the Leica Laser Tracker
+    LTD 500" (1999).
+    """
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Read the circles wrongly."""
+        sight.hz_rad += self._off(sight.hz_rad, self.levels[:2], state.payload_kg[:, None])
+        sight.v_rad += self._off(sight.v_rad, self.levels[2:4], state.payload_kg[:, None])
+
+    def _off(self, angle_rad: Array, phases: Array, payload_kg: Array) -> Array:
+        """Error of one circle (n, smrs), with phases from -1 to 1 half turns."""
+        y = np.sin(angle_rad + np.pi * phases[0]) + OVAL * np.sin(2.0 * angle_rad + np.pi * phases[1])
+        return self.size * apply_variant(y, self.variant, payload_kg)
+
+
+class TiltedAxis(OutsideEffect):
+    """The station's transit axis is not square to its standing axis, nor the beam to the transit axis.
+
+    The horizontal circle is off by the cotangent of the zenith angle, and by one over its sine: B. Muralikrishnan, D.
+    Sawyer, C. Blackburn, S. Phillips, B. Borchardt, W. T. Estler, "ASME B89.4.19 Performance Evaluation Tests and
+    Geometric Misalignments in Laser Trackers" (2009). The size is the tilt of the axis.
+    """
+
+    def setup(self) -> None:
+        """Tilt of the beam over that of the axis."""
+        super().setup()
+        self.beam = float(self.rng.uniform(*BEAM)) * float(self.rng.choice([-1.0, 1.0]))
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Aim beside all that is not level with the station."""
+        off = (np.cos(sight.v_rad) + self.beam) / np.sin(sight.v_rad)
+        sight.hz_rad += self.size * apply_variant(off, self.variant, state.payload_kg[:, None])
+
+
+EFFECTS = (
+    outside_effect(
+        "reference_range",
+        "rig",
+        ReferenceRange,
+        EffectParameter("offset_m", 1e-6, 4e-5, 2e-3, "of the range before the first exchange"),
+        "ranges against exchanges of payload, all SMRs and nests alike",
+    ),
+    outside_effect(
+        "circle_eccentricity",
+        "rig",
+        CircleEccentricity,
+        EffectParameter("error_rad", 1e-6, 1e-4, 2e-3, "once a turn, of both angles"),
+        "angles, all SMRs and nests alike",
+    ),
+    outside_effect(
+        "tilted_axis",
+        "rig",
+        TiltedAxis,
+        EffectParameter("tilt_rad", 1e-6, 2e-4, 5e-3, "of the transit axis"),
+        "height, all SMRs and nests alike",
+    ),
+)

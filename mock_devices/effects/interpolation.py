@@ -13,7 +13,7 @@ SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
 HELD = 0.12  # share of a step by which a counter switches late, in either direction
 BITS, FILLS = 4, (0.75, 1.0)  # of a converter; share of its range that the signals fill
 IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
-SET_K, SIGNALS_K = (1.5, 4.0), 3.0  # how far from the reference signals were corrected; kelvin that give the size
+SET_K, SIGNALS_K = (1.5, 4.0), 1.5  # how far from the reference signals were corrected; kelvin that give the size
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 

@@ -14,7 +14,7 @@ BEARING_FIN_M = 0.35
 BEARING_M_PER_S = 0.5
 CELLS = 46  # of a screw
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
-LIFTS, HOIST_FIN_M = 0.03, 0.6  # share of its time for which a drive lifts to end at the size; see MOTOR_FIN_M
+LIFTS, HOIST_FIN_M = 0.01, 0.6  # share of its time for which a drive lifts to end at the size; see MOTOR_FIN_M
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,

@@ -26,7 +26,7 @@ NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature
 LATE_S = 2400.0
 SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period, time constant, speed
 LIGHT_METAL = 4.0  # how far light metal is off from steel, over one steel from another
-FEET_K = (0.2, 0.6)  # by how much warmer a frame pushes its feet on
+FEET_K = (0.06, 0.2)  # by how much warmer a frame pushes its feet on
 FILLS_S, DRAINS_S = 150.0, 400.0  # of coolant on the platform: time constants with and without its pump
 CHIPS_S = 3600.0  # in which the whole size has gathered
 _GRID_S = 30.0
@@ -50,14 +50,14 @@ class ExpansionCoefficient(Effect):
     `platform_metal`: the platform is of light metal, with a coefficient that is LIGHT_METAL times the size beyond the
     stated one of steel, and grows with its joints and reflectors: A. H. Slocum, "Precision Machine Design" (1992).
     `jumping_feet`: friction holds the feet of the frame, which grows beyond what is stated by jumps: not until its
-    growth has strained it enough does it push its feet on, all the way: M. Weck, "Handbook of Machine Tools", vol. 4
-    (1984).
+    growth since the campaign's begin has strained it enough does it push its feet on, all the way: M. Weck, "Handbook
+    of Machine Tools", vol. 4 (1984).
     """
 
     thickness_m = 0.2  # of column and rail together
 
     def setup(self) -> None:
-        """Which way a frame of fibres grows, and which struts are of another batch: seeded."""
+        """Which way a frame of fibres grows, which struts are of another batch, and when feet jump: seeded."""
         angle = float(self.rng.uniform(-0.5 * np.pi, 0.5 * np.pi))
         self.across = cmath.exp(1j * angle) if self.variant == "fibres" else None
         struts = len(self.site.machine.struts)
@@ -142,12 +142,11 @@ class ExpansionCoefficient(Effect):
         return lag_behind(state, sensor, self.site.start_s, LATE_S) + sensed[1:] - sensed[0]
 
     def _jumped_k(self, state: MotionState) -> Array:
-        """Warmth of the frame above the reference when its feet last jumped (n,)."""
+        """By how much warmer the frame was when its feet last jumped than at the campaign's begin (n,)."""
         grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
-        sensor, reference_c = self.site.machine.expansion["base"].sensor, self.site.machine.reference_temperature_c
-        warmth_k = (state.thermal.part_series_c(sensor, grid) - reference_c).tolist()
-        jumped, held = np.empty_like(grid), warmth_k[0]
-        for i, now in enumerate(warmth_k):
+        sensed_c = state.thermal.part_series_c(self.site.machine.expansion["base"].sensor, grid)
+        jumped, held = np.empty_like(grid), 0.0
+        for i, now in enumerate((sensed_c - sensed_c[0]).tolist()):
             held = now if abs(now - held) > self.feet_k else held
             jumped[i] = held
         at = np.searchsorted(grid, state.t_s, side="right") - 1

@@ -81,3 +81,16 @@ def test_a_platform_sags_as_a_beam_between_its_joints():
     turned = 2e-5 * lean
     assert joints.real == pytest.approx(turned * np.array([0.245, -0.005, -0.245, 0.005]), rel=1e-3)
     assert sag[n // 2] == pytest.approx(1.0 - 1.5 * 0.25 + 0.5 * 0.125, rel=1e-3)
+
+
+def test_both_columns_lean_outwards_with_the_root_of_time():
+    one = Alone("damp_granite", 1e-5)
+    spilt_s = one.effect.moments_s[0]
+    t = spilt_s + np.array([-10.0, 0.0, 900.0, 3600.0, 14400.0])
+    d = one.deviation(t_s=t, q=np.full((5, 2), HOME_M))
+    assert d.yaw_rad[:, 0] == pytest.approx([0.0, 0.0, 0.5e-5, 1e-5, 2e-5], abs=1e-15)
+    assert d.yaw_rad[:, 1] == pytest.approx(-d.yaw_rad[:, 0])
+    height = HOME_M + 0.125 + 1.2
+    tops = d.sideways_m * np.array([slider.axis * 1j for slider in FILE.sliders]).real  # along x
+    assert tops[3] == pytest.approx([-1e-5 * height, 1e-5 * height])
+    assert not np.any(d.travel_m)

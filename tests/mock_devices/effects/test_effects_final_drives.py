@@ -174,7 +174,6 @@ def test_a_value_is_older_and_older_until_two_cycles_have_run_past_one_another()
     one = Alone("latency", 1e-3, variant="beating_cycles", start_s=100.0)
     beats_s = one.effect.beats_s
     assert 150.0 <= beats_s <= 500.0
-    # The station asks every 10 ms, the drives give out a value every 10 (1 + 0.01 / beats) ms and keep it till then.
     t = 100.0 + np.linspace(0.0, 3.0 * beats_s, 3000, endpoint=False)
     early = np.asarray(one.effect.early_s(one.motion_states(t_s=t, q=np.full((3000, 2), HOME_M))))
     assert early.min() >= 0.0

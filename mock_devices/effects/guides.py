@@ -29,11 +29,8 @@ GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; h
 CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diameters; creep over travel
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
 SPANS_M, SAG = (0.26, 0.4), 0.6  # from support to support; sag without payload midway between two, over the size
-ROLLERS_M, UNLIKE, OVAL = (
-    (0.025, 0.045),
-    (0.03, 0.1),
-    0.4,
-)  # of a carriage: diameter; difference; twice over once a turn
+ROLLERS_M, UNLIKE = (0.025, 0.045), (0.03, 0.1)  # of a carriage: diameter of its rollers; by how much they differ
+OVAL = 0.4  # error of a roller twice a turn, over that once a turn
 PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more with a full payload
 
 

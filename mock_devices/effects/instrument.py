@@ -85,8 +85,9 @@ class StationDrift(Effect):
             self.passed_s = np.cumsum(self.rng.exponential(PASSERS_S, PASSERS))
             self.pushes = self.rng.standard_normal((PASSERS, 6)) * math.sqrt(2.0 * PASSERS_S / FORGETS_S)
         self._shaken = [LegMemory(lambda way, speed, _: speed**2 * (way != 0.0)) for _ in self.site.machine.sliders]
-        self.cycle_s = float(self.rng.uniform(*FANS_S))
-        self.runs = float(self.rng.uniform(*RUNS))
+        own = self.rng.spawn(1)[0]  # a walk goes on drawing from the other one
+        self.cycle_s = float(own.uniform(*FANS_S))
+        self.runs = float(own.uniform(*RUNS))
 
     def _switched(self, elapsed_s: Array) -> Array:
         """Warmth (n,) from 0, where the fan stops, to 1, where it starts; SWITCHES is the time constant of either part

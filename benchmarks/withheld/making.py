@@ -29,6 +29,7 @@ STYLES = {"platform_only": "platform", "next": "poor"}
 PERIODIC = {"screw_periodic_error": "period_m", "encoder_interpolation": "pitch_m"}
 TIMES_A_PERIOD = {  # how often an error repeats within the period of what errs
     "screw_periodic_error/universal_joint": 2,
+    "screw_periodic_error/torque_ripple": 6,
     "encoder_interpolation/amplitude": 2,
     "encoder_interpolation/shadow_gratings": 4,
     "encoder_interpolation/self_images": 4,

@@ -29,7 +29,7 @@ from mock_devices.effects import EffectChoice
 from mock_devices.effects.base import Effect as PlantEffect
 from mock_devices.effects.base import Site
 from mock_devices.effects.catalogue import make
-from mock_devices.effects.guides import FOOT_M
+from mock_devices.effects.foundation import FOOT_M
 from mock_devices.effects.instrument import LEVER_M
 from mock_devices.recordings.design import DesignOptions
 from mock_devices.recordings.maker import SimulatedCampaign

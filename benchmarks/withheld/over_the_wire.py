@@ -72,6 +72,7 @@ def difference_m(effect: str) -> float:
     """Largest distance of a measured point of one rig from what the maker of recordings says."""
     with _rig(effect) as (mock, rig):
         plant = mock.plant
+        assert isinstance(plant, Plant)  # of the embedded rig
         _without_noise(plant)
         start_m = tuple(drive.encoder_m(0.0) for drive in mock.drives)
         note = _Quiet(mock)

@@ -163,7 +163,7 @@ def _at_channels(recording: Path, row: dict[str, Any], answer: dict[str, Any], c
     """Where the verdict names the one true effect: what it does at its channels, as stated and in truth."""
     if row["verdict"] != row["true"][0]:
         return []
-    found = next((e for e in answer["diagnosis"]["effects"] if e["effect"] == row["verdict"]), {})
+    found: dict[str, Any] = next((e for e in answer["diagnosis"]["effects"] if e["effect"] == row["verdict"]), {})
     return compared(recording, found, change_m)
 
 

@@ -30,7 +30,7 @@ def diagnose(recording: Recording, without: tuple[str, ...] = (), without_forms:
     platform = {s.name for s in recording.machine.smrs if s.on == "platform"}
     rows = np.flatnonzero(np.isin(np.asarray(recording["smr"]), list(platform)))
     measured = recording.positions_m[rows]
-    nothing = np.empty((0, 3))
+    nothing, none = np.empty((0, 3)), np.empty(0)
     size = Quantity("width_m", 1e-5, 1e-6, "m")
     places = (FoundPlace("left", size, 0.6, 3.0, 2.0),)
     effect = FoundEffect(verdict, "left", size, 0.8, 0.6, 3.0, 2.0, places=places)
@@ -49,7 +49,7 @@ def diagnose(recording: Recording, without: tuple[str, ...] = (), without_forms:
         clues=(),
         next_measurement=(CampaignAddition("both sides", "other sides", (), 10.0, 1.0, _visits()),),
         withheld=Withheld(rows, measured + 2e-5, measured),
-        visits=VisitGaps(nothing, nothing, nothing, *(np.empty(0) for _ in range(5))),
+        visits=VisitGaps(nothing, nothing, nothing, none, none, none, none, none),
         spectra=(),
     )
 

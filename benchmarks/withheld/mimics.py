@@ -39,9 +39,11 @@ SHARED = ("onset_s", "tau_s", "period_m", "wavelength_m", "tilt_per_m")
 
 
 class Mimics:
-    """The library of one design, on one reference machine."""
+    """The library of one design, on one reference machine; effects: those that it holds."""
 
-    def __init__(self, drawn: Drawn, *, draws: int = DRAWS, final: bool | None = None) -> None:
+    def __init__(
+        self, drawn: Drawn, *, draws: int = DRAWS, final: bool | None = None, effects: Collection[str] = CATALOGUE
+    ) -> None:
         self.drawn = drawn
         self._visible = drawn.visible
         self._sizes: SizeScale = drawn.visible.sizes
@@ -55,19 +57,19 @@ class Mimics:
         self._sigma_m = angle_sd_rad * np.linalg.norm(place, axis=1)[:, None]
         rng = np.random.default_rng([drawn.seed, 5])
         self._library: dict[str, list[SampledColumn]] = {
-            name: self._changes(name, rng, draws, final) for name in CATALOGUE
+            name: self._changes(name, rng, draws, final) for name in effects
         }
 
     def distances(
-        self, fact: dict[str, Any], change_m: Array, names: Collection[str] = CATALOGUE, *, refine: float = 0.0
+        self, fact: dict[str, Any], change_m: Array, names: Collection[str] = (), *, refine: float = 0.0
     ) -> dict[str, float]:
         """RMS in sigma by name of what the other effects leave of a true change (r, 3) in the machine's axes.
 
-        Those not above `refine` have their further parameters fitted as well.
+        names: of these only. Those not above `refine` have their further parameters fitted as well.
         """
         residual = self._residual_after_fit(change_m)
         out = {}
-        for name in names:
+        for name in names or self._library:
             if name != fact["effect"]:
                 columns = [*self._library[name], *self._alike(name, fact)]
                 near, chosen = self._nearest(residual, columns)
@@ -173,9 +175,13 @@ class Mimics:
 
 @dataclass
 class MimicLibraries:
-    """One library a design, made when it is first asked for; draws: of each variant's further parameters."""
+    """One library a design, made when it is first asked for; draws: of each variant's further parameters.
+
+    effects: those that it holds.
+    """
 
     draws: int = DRAWS
+    effects: Collection[str] = CATALOGUE
     _by_design: dict[str, Mimics] = field(default_factory=dict)
 
     def to_json(self, case: Case) -> dict[str, Any]:
@@ -184,7 +190,7 @@ class MimicLibraries:
             return case.truth
         library = self._by_design.get(case.drawn.name)
         if library is None:
-            library = self._by_design[case.drawn.name] = Mimics(case.drawn, draws=self.draws)
+            library = self._by_design[case.drawn.name] = Mimics(case.drawn, draws=self.draws, effects=self.effects)
         refine = REFINED.get(case.slot.kind, 0.0)
         distances = library.distances(case.truth["effects"][0], case.change_m, refine=refine)
         return {**case.truth, "mimics_sigma": distances}

@@ -16,6 +16,7 @@ from benchmarks.withheld.cases import DECLARED, Slot
 from benchmarks.withheld.diagnoser import REAL, loaded
 from benchmarks.withheld.maker import Maker
 from benchmarks.withheld.making import make_case
+from benchmarks.withheld.mimics import MimicLibraries
 from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.score_rows import answerable, overall_right
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
@@ -27,10 +28,14 @@ from mock_devices.recordings.files import write_recording
 from tests.benchmarks.withheld_cases import DECOY, EFFECT, NEXT, NULL, OUT, REMOVED, UNDECLARED, case_of, designs
 
 STAND_IN = "stand_in:diagnose"
+RESEMBLING = ("backlash", "column_compliance", "smr_reseat", "tracker_drift")
 
 
 def maker(*slots, seed=4):
-    return Maker(seed, final=False, slots=list(slots), few_designs=True)
+    """A maker that looks for what resembles a true effect among some effects only: all take longest of all it does."""
+    made = Maker(seed, final=False, slots=list(slots), few_designs=True)
+    made._libraries = MimicLibraries(1, RESEMBLING)
+    return made
 
 
 # --- seals
@@ -63,6 +68,10 @@ def test_truth_is_not_on_disk_before_the_hash_of_the_answers(tmp_path):
     truth = json.loads((tmp_path / "truth.json").read_text())
     assert truth["answers_sha256"] == "a" * 64
     assert set(truth["cases"]) == set(listed)
+    compared = {case["key"]: set(case["mimics_sigma"]) for case in truth["cases"].values() if "mimics_sigma" in case}
+    assert compared == {
+        slot.key: set(RESEMBLING) - set(slot.effects) for slot in (EFFECT, REMOVED, OUT)
+    }  # those with one effect
 
 
 def test_all_recordings_of_a_design_look_alike(tmp_path):
@@ -208,7 +217,7 @@ def rows_of(folder):
 
 
 def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch):
-    n, kinds, diagnose = 10, "null", ("--diagnose", STAND_IN)  # others wait for a library of what they resemble
+    n, kinds, diagnose = 6, "null", ("--diagnose", STAND_IN)  # others wait for a library of what they resemble
     assert run.main(arguments(tmp_path / "whole", *diagnose, n=n, kinds=kinds)) == 1
     kept = []
     whole = lane.run_lane

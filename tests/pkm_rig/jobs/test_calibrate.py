@@ -55,6 +55,29 @@ def run(tmp_path_factory):
     store.close()
 
 
+@pytest.fixture(scope="module")
+def report(run):
+    """Its report with pictures and the data beside it, as written; reading it changes nothing."""
+    outcome, store, out, *_ = run
+    path = out / "report.html"
+    write_report(report_source(store, outcome.campaign, outcome), path)
+    return path.read_text(encoding="utf-8"), path.with_suffix(".json").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def rebuilt(run):
+    """The outcome once more, from the store alone."""
+    outcome, store, *_ = run
+    return stored_outcome(store, outcome.campaign)
+
+
+@pytest.fixture(scope="module")
+def identified(run):
+    """What is identified in the store's recording."""
+    outcome, store, *_ = run
+    return identify_with_checks(store.recording(outcome.campaign), "map")
+
+
 def test_error_falls_and_the_tables_stay(run):
     outcome, _, _, states, _, drives = run
     assert outcome.accepted
@@ -102,9 +125,9 @@ def test_200_kg_was_never_calibrated(run):
     assert set(recording["payload_mass_kg"][calibrated].tolist()) == {0.0, 400.0}
 
 
-def test_json_fits_the_schema(run, request):
+def test_json_fits_the_schema(run, identified, request):
     schema = json.loads((request.config.rootpath / "docs" / "reference" / "result.schema.json").read_text())
-    outcome, store, out, *_ = run
+    outcome, _, out, *_ = run
     result = json.loads(json.dumps(outcome_json(outcome, out / "report.html"), allow_nan=False))
     jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
     wrong = LeftOutReading("a-reading", "P1", 1.2e-3, "m", 9.0, "model gate")
@@ -113,26 +136,22 @@ def test_json_fits_the_schema(run, request):
     jsonschema.validate(result, {**schema, "anyOf": [{"$ref": "#/$defs/calibration"}]})
     assert result["left_out"] == [wrong.as_dict()]
     assert result["dropped"] == {"model gate": 1}
-    identification = identify_with_checks(store.recording(outcome.campaign), "map")
     jsonschema.validate(
-        json.loads(json.dumps(identification, allow_nan=False)),
+        json.loads(json.dumps(identified, allow_nan=False)),
         {**schema, "anyOf": [{"$ref": "#/$defs/identification"}]},
     )
 
 
-def test_the_diagnosis_is_told_stored_and_reported(run, request):
-    outcome, store, out, *_ = run
+def test_the_diagnosis_is_told_stored_and_reported(run, rebuilt, report, request):
+    outcome, store, *_ = run
     schema = json.loads((request.config.rootpath / "docs" / "reference" / "diagnosis.schema.json").read_text())
     assert outcome.diagnosis.failure == ""
     told = outcome_json(outcome, None)["diagnosis"]
     jsonschema.validate(json.loads(json.dumps(told, allow_nan=False)), schema)
     (event,) = store.events(outcome.campaign, "diagnosed")
-    assert (
-        event.data["verdict"] == told["verdict"] == stored_outcome(store, outcome.campaign).diagnosis.diagnosis.verdict
-    )
-    write_report(report_source(store, outcome.campaign, outcome), out / "diagnosed.html")
+    assert event.data["verdict"] == told["verdict"] == rebuilt.diagnosis.diagnosis.verdict
     line = with_symbols(diagnosis_line(outcome.diagnosis))
-    assert line.split(";")[0] in (out / "diagnosed.html").read_text(encoding="utf-8")
+    assert line.split(";")[0] in report[0]
 
 
 def test_a_diagnosis_that_fails_costs_one_line(run):
@@ -143,15 +162,14 @@ def test_a_diagnosis_that_fails_costs_one_line(run):
     assert "diagnosis: too few readings" in page.html
 
 
-def test_a_campaign_on_the_mock_says_that_it_is_simulated(run, capsys):
+def test_a_campaign_on_the_mock_says_that_it_is_simulated(run, identified, report, capsys):
     outcome, store, *_ = run
     assert store.recording(outcome.campaign).file.simulated
     assert outcome_json(outcome, None)["simulated"]
-    assert identify_with_checks(store.recording(outcome.campaign), "map")["simulated"]
+    assert identified["simulated"]
     print_outcome(outcome, None)
     assert capsys.readouterr().out.startswith("SIMULATED")
-    page = make_report(report_source(store, outcome.campaign, outcome), draw=False)
-    assert "SIMULATED: by simulated devices" in page.html
+    assert "SIMULATED: by simulated devices" in report[0]
 
 
 def test_a_certificate_s_number_is_used_once_and_a_mock_s_is_never_signed(run, tmp_path):
@@ -189,12 +207,9 @@ def test_a_certificate_s_number_is_used_once_and_a_mock_s_is_never_signed(run, t
     assert audit(store, outcome.campaign)[0].state == "whole"
 
 
-def test_report_is_one_file_without_outside_requests(run):
-    outcome, store, out, *_ = run
-    path = out / "report.html"
-    write_report(report_source(store, outcome.campaign, outcome), path)
-    text = path.read_text(encoding="utf-8")
-    wrong, count = complaints(text, json.loads(path.with_suffix(".json").read_text(encoding="utf-8")))
+def test_report_is_one_file_without_outside_requests(run, report):
+    outcome, (text, data) = run[0], report
+    wrong, count = complaints(text, json.loads(data))
     assert not wrong, wrong[:10]
     assert count > 600
     assert not re.search(r"""(src|href)\s*=\s*["'](?!data:|#)""", text)
@@ -206,24 +221,22 @@ def test_report_is_one_file_without_outside_requests(run):
     assert "not an accredited certificate" in text.lower()
 
 
-def test_a_recording_folder_gives_the_same_result_as_the_store(run):
+def test_a_recording_folder_gives_the_same_result_as_the_store(run, identified):
     outcome, store, out, *_ = run
     recording = store.recording(outcome.campaign)
     write_folder(recording, out / "export")
     again = read_folder(out / "export")
     for name, column in recording.columns.items():
         np.testing.assert_array_equal(column, again.columns[name], err_msg=name)
-    assert identify_with_checks(again, "map") == identify_with_checks(recording, "map")
+    assert identify_with_checks(again, "map") == identified
     other = Store(out / "other.sqlite")
     other.add_recording(again)
-    assert identify_with_checks(other.recording(outcome.campaign), "map") == identify_with_checks(recording, "map")
+    assert identify_with_checks(other.recording(outcome.campaign), "map") == identified
     other.close()
 
 
-def test_the_outcome_can_be_rebuilt_from_the_store(run):
-    outcome, store, *_ = run
-    again = stored_outcome(store, outcome.campaign)
-    assert short_table(again) == short_table(outcome)
+def test_the_outcome_can_be_rebuilt_from_the_store(run, rebuilt):
+    assert short_table(rebuilt) == short_table(run[0])
 
 
 def test_a_machine_without_errors_is_refused_and_the_former_tables_come_back(tmp_path):

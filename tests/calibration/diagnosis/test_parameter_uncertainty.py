@@ -72,13 +72,18 @@ def scanned(recording, reported: float) -> float:
     y = linear.residual.ravel()
     response = linear.whiten_shift(Channels(linear).shift_m("travel.left"))
     side, q = linear.context.direction[:, 0], linear.context.drives[:, 0]
-    rates = np.geomspace(LOW, HIGH, 400)
+    # What the columns and their priors leave of readings and shapes, which is the same at every rate.
+    of_readings = np.linalg.qr(np.vstack([a, np.eye(a.shape[1])]))[0]
+
+    def left(values: np.ndarray) -> np.ndarray:
+        padded = np.append(values, np.zeros(a.shape[1]))
+        return padded - of_readings @ (of_readings.T @ padded)
+
+    rates, y_left = np.geomspace(LOW, HIGH, 400), left(y)
     logs = []
     for rate in rates:
-        column = (response * (side * np.exp(-rate * (q - START_M)))[:, None]).ravel() * 1e-3
-        x = np.column_stack([a, column])
-        theta, *_ = np.linalg.lstsq(np.vstack([x, np.eye(x.shape[1])]), np.append(y, np.zeros(x.shape[1])), rcond=None)
-        logs.append(-0.5 * float(np.sum((y - x @ theta) ** 2) + theta @ theta))
+        column = left((response * (side * np.exp(-rate * (q - START_M)))[:, None]).ravel() * 1e-3)
+        logs.append(-0.5 * float(y_left @ y_left - (column @ y_left) ** 2 / (column @ column + 1.0)))
     weight = np.exp(np.array(logs) - max(logs))  # the grid is uniform in the logarithm, as the effect's is
     return float(np.sqrt(np.sum(weight * (rates - reported) ** 2) / np.sum(weight)))
 

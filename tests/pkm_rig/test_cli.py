@@ -14,6 +14,7 @@ import pytest
 
 from calibration.recording.folder import write_folder
 from pkm_rig.cli.entry import COMMANDS
+from pkm_rig.rig import connection
 from pkm_rig.rig.config import embedded_rig_path
 from pkm_rig.store.store import Store, open_store
 from tests.pkm_rig.plant_recording import record
@@ -191,7 +192,8 @@ def test_unknown_key_in_the_rig_file(run, rig_file, tmp_path):
     assert "unknown key 'can.speed'" in last_line(done)
 
 
-def test_a_wrong_node_id_is_a_device_error(run, rig_file):
+def test_a_wrong_node_id_is_a_device_error(run, rig_file, monkeypatch):
+    monkeypatch.setattr(connection, "EMBEDDED_GUARD_S", 4.0)  # nothing else is waited for
     done = run("check", "--rig", rig_file(("node_id = 2", "node_id = 7")))
     assert done.returncode == 3
     assert "7" in last_line(done)

@@ -54,7 +54,7 @@ def test_a_station_that_moved_is_refused_after_a_second_look(tmp_path):
 @pytest.mark.parametrize("stopped", [False, True], ids=["in one session", "resumed"])
 def test_a_wrong_first_reading_of_a_nest_does_not_end_the_campaign(tmp_path, stopped):
     """The reflector sat 2 mm aside in its nest, and was put right after it had been measured once."""
-    usual, machine = short_rig_file()
+    usual, machine = short_rig_file(calibration_poses=6)
     store = Store(tmp_path / "store.sqlite")
 
     def put(mock, off_m):

@@ -9,8 +9,9 @@ BIN := $(VENV)/bin
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo $(if $(MACHINE),--machine $(MACHINE))
 
+# Three workers on two cores: a third of the time tests wait for an answer that does not come, or for a deadline.
 test: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest -n 2
+	$(BIN)/python -m pytest -n 3
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -1,5 +1,7 @@
 """Loaded before any test loads numpy: linear algebra on one thread, as for the command; one profile of Hypothesis."""
 
+from pathlib import Path
+
 import hypothesis
 
 import pkm_rig
@@ -9,3 +11,40 @@ assert pkm_rig.__version__
 # Every run tries the same cases, however long one takes, and keeps no examples on disk.
 hypothesis.settings.register_profile("pkm_rig", derandomize=True, deadline=None, database=None)
 hypothesis.settings.load_profile("pkm_rig")
+
+# Each worker takes whole files. Those that take long go first, or one of them begins when all others have ended.
+LONG_FILES = (
+    "benchmarks/test_withheld.py",
+    "pkm_rig/jobs/test_calibrate.py",
+    "pkm_rig/jobs/test_kinematics_files.py",
+    "pkm_rig/jobs/test_calibrate_resume.py",
+    "pkm_rig/jobs/test_resume_scaled_clock.py",
+    "pkm_rig/jobs/test_host_campaign.py",
+    "calibration/comparison/test_compare.py",
+    "calibration/diagnosis/test_diagnosis.py",
+    "calibration/axis/test_axis_diagnosis.py",
+    "drivers/drives/test_homing.py",
+    "drivers/station/test_station_contract.py",
+    "faults/test_can.py",
+    "faults/test_modbus.py",
+    "faults/test_serial.py",
+    "faults/test_station_and_time.py",
+    "pkm_rig/recalibration/test_run.py",
+    "pkm_rig/jobs/test_resume.py",
+    "pkm_rig/test_terminal_operator.py",
+    "docs/test_tutorial.py",
+    "pkm_rig/test_wheel.py",
+    "pkm_rig/rig/test_plans.py",
+    "pkm_rig/report/test_report.py",
+    "pkm_rig/jobs/test_measure_watched.py",
+    "benchmarks/test_channel_sizes.py",
+)
+_HERE = Path(__file__).parent
+_RANK = {_HERE / file: rank for rank, file in enumerate(LONG_FILES)}
+assert all(file.is_file() for file in _RANK), "name files in LONG_FILES as they are called now"
+
+
+def pytest_collection_modifyitems(config, items):
+    """For workers, the long files first; all else stays in its order."""
+    if hasattr(config, "workerinput"):
+        items.sort(key=lambda item: _RANK.get(item.path, len(_RANK)))

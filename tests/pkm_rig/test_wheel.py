@@ -18,7 +18,7 @@ from pkm_rig.version import __version__
 from tests.pkm_rig.conftest import SHORT
 
 ROOT = Path(__file__).parents[2]
-CAMPAIGN = {**SHORT, "calibration_poses": 6, "verification_poses": 12, "verification_payloads": [0]}
+CAMPAIGN = {**SHORT, "calibration_poses": 6, "verification_payloads": [0]}
 PACKAGES = ("pkm_rig", "drivers", "calibration", "mock_devices")
 
 

@@ -9,7 +9,7 @@ BIN := $(VENV)/bin
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo $(if $(MACHINE),--machine $(MACHINE))
 
-# Three workers on two cores: a third of the time tests wait for an answer that does not come, or for a deadline.
+# Three workers on two cores: many tests wait for an answer that does not come, or for a deadline, and use no core meanwhile.
 test: $(VENV)/dev.stamp
 	$(BIN)/python -m pytest -n 3
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
-from calibration.effects.basis_functions import cosine_basis, tensor_product
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
 
 REFERENCE_SPEED_M_PER_S = 0.5
 DWELL_TIMES_S = geometric_series(0.5, 16.0, 7)
@@ -18,6 +18,8 @@ REST_TERMS = 6  # of any function of the rest
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a delay that is another one at any time
 AFTER_EFFECT_S = (3.0, 12.0, 50.0, 200.0, 800.0)  # in which a part forgets former motions
 AFTER_EFFECT_WEIGHT = 0.1
+SWINGS_RAD_PER_S, CALMS_S = (0.7, 1.1, 1.7, 2.6, 4.0), (5.0, 15.0)  # of a load that hangs on the slider
+COURSE_TERMS, COURSE_WEIGHT = 24, 0.02  # of a delay by any course in time
 ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
 
 
@@ -75,6 +77,9 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
         ages = cosine_basis(context.elapsed_s, AGE_TERMS)
         at_any_time = [c for age in ages.T for c in all_drives(context.velocity_m_per_s * age[:, None], "")]
         sets.add_set((*moving, *at_any_time), by_drive, share=0.6, weight=AGE_WEIGHT)
+        walk = random_walk_basis(context.elapsed_s / max(float(context.elapsed_s.max()), 1.0), COURSE_TERMS)
+        course = [c for step in walk.T for c in all_drives(context.velocity_m_per_s * step[:, None], "")]
+        sets.add_set((*moving, *course), by_drive, share=0.6, weight=COURSE_WEIGHT)
     for reached in _speeds(inputs)[::2]:
         for tau in geometric_series(0.15, 5.0, 6):
             late = np.exp(-context.dwell_s / tau) * reached * REFERENCE_SPEED_M_PER_S
@@ -101,6 +106,8 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
     for load_n in _loads_along(inputs, drive):
         sets.add_set(sets.add((travel, load_n[:, None] * rest)), weight=ANY_REST_WEIGHT)
     whatever_speed = np.where(context.moving, 0.0, 1.0)
+    arrives = -context.direction[:, drive] * _speeds(inputs)[0]
+    sets.add_set(sets.add((travel, arrives[:, None] * _swings(inputs))), weight=ANY_REST_WEIGHT)
     for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", whatever_speed)):
         behind = -context.direction[:, drive] * speed
         any_way = sets.add((travel, behind[:, None] * rest))
@@ -114,6 +121,14 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
             oscillating = sets.add((travel, behind[:, None] * ringing), form="ringing")
             sets.add_set(oscillating, any_way, share=0.4, tau_s=tau, weight=0.5)
     return sets
+
+
+def _swings(inputs: EffectInputs) -> Array:
+    """Oscillations (n, k) at rest, slower than a servo's, that die away, also in proportion to the payload."""
+    t = inputs.context.dwell_s[:, None]
+    phase = t * np.array(SWINGS_RAD_PER_S)
+    swings = np.concatenate([np.exp(-t / calms) * w(phase) for calms in CALMS_S for w in (np.cos, np.sin)], axis=1)
+    return np.concatenate([swings, swings * inputs.payload_ratio[:, None]], axis=1)
 
 
 def _loads_along(inputs: EffectInputs, drive: int) -> list[Array]:

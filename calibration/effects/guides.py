@@ -18,6 +18,7 @@ from calibration.recording.header import HOUR_S
 SHORTEST_WAVE_M = 0.06
 ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
+UNEVEN_WAVE_M, UNEVEN_WEIGHT = 0.02, 0.3  # shortest wave of a rail that its bolts draw down
 SIDE_TERMS, SIDE_WEIGHT = 6, 0.3  # of what is another deviation for each side of the approach
 BENT_TERMS, COURSE_TERMS, BENT_WEIGHT = 6, 8, 0.3  # of a guide whose form changes
 
@@ -36,6 +37,7 @@ def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -
     sets, q = BasisSets(), inputs.context.drives[:, drive]
     span = float(np.ptp(q))
     fine = int(np.clip(2.0 * span / SHORTEST_WAVE_M, 6, 28))
+    finest = int(np.clip(2.0 * span / UNEVEN_WAVE_M, 6, 80))
     bends = _bends_in_time(inputs, q)
     for channel in channels:
         curve = sets.add((channel, cosine_basis(q, fine, roughness=1.0)))
@@ -44,8 +46,12 @@ def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -
         sets.add_set(curve, loaded, share=0.5)
         if "direction" not in inputs.context.not_said:  # play of the guide: it lies at one side or the other
             side = inputs.context.direction[:, drive : drive + 1]
-            sided = sets.add((channel, side * cosine_basis(q, SIDE_TERMS, roughness=1.0, constant=True)))
+            along = cosine_basis(q, SIDE_TERMS, roughness=1.0, constant=True)
+            sided = sets.add((channel, side * along))
             sets.add_set(sided, curve, share=0.5, weight=SIDE_WEIGHT)
+            by_load = sets.add((channel, 2.0 * side * (inputs.payload_ratio - 0.5)[:, None] * along))
+            sets.add_set((*sided, *by_load), curve, share=0.5, weight=SIDE_WEIGHT)
+        sets.add_set(sets.add((channel, cosine_basis(q, finest, roughness=0.5))), weight=UNEVEN_WEIGHT)
         if bends is not None:
             sets.add_set((*curve[:BENT_TERMS], *sets.add((channel, bends))), weight=BENT_WEIGHT)
     return sets

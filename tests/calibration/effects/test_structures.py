@@ -214,6 +214,31 @@ def refraction__between_parts(inputs):
     return {"light.v": air - floor}
 
 
+def guide_straightness__bolts(inputs):
+    """Bolts of a rail, every 60 mm, draw it down beside them."""
+    q = inputs.context.drives[:, 0]
+    beside = np.abs((q / 0.06) % 1.0 - 0.5) * 0.06
+    return {"sideways.left.x": np.exp(-((beside / 0.012) ** 2))}
+
+
+def guide_angular__driven_off_centre(inputs):
+    """Friction turns a carriage that its screw drives beside its middle, the more the heavier it is loaded."""
+    return {"turn.left.z": inputs.context.direction[:, 0] * (1.0 + 0.8 * inputs.payload_ratio)}
+
+
+def servo_settling__load_that_swings(inputs):
+    """It hangs on the slider and swings on when that stops."""
+    context = inputs.context
+    swing = np.exp(-context.dwell_s / 9.0) * np.cos(1.4 * context.dwell_s)
+    return {"travel.left": context.direction[:, 0] * context.speed_m_per_s * inputs.payload_ratio * swing}
+
+
+def latency__steered_clock(inputs):
+    """A clock that is set right in steps and runs away in between."""
+    late = inputs.context.velocity_m_per_s * ((inputs.context.elapsed_s[:, None] / 1100.0) % 1.0)
+    return {f"travel.{inputs.drive(a)}": late[:, a] for a in range(2)}
+
+
 def scaled(x) -> np.ndarray:
     return (x - x.min()) / np.ptp(x)
 
@@ -226,7 +251,10 @@ LAWS = (
     screw_thermal_growth__two_heats, payload__gathers, payload__chain, link_stiffness__creeps,
     servo_settling__pushed_out,
 )  # fmt: skip
-LAWS_OF_LONG = (guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks)
+LAWS_OF_LONG = (
+    guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks, guide_straightness__bolts,
+    guide_angular__driven_off_centre, servo_settling__load_that_swings, latency__steered_clock,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)

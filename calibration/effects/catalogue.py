@@ -16,19 +16,24 @@ from pathlib import Path
 from calibration.base.errors import InputError
 from calibration.effects import (
     control,
+    drive_scale,
     drive_train,
     expansion,
     guides,
     instrument,
+    payload,
     reversal,
-    stated_values,
     structure,
+    tables_left_on,
     thermal,
 )
 from calibration.effects.api import Effect
 from calibration.effects.varying_strength import with_varying_strength
 
-FAMILIES = (thermal, reversal, structure, drive_train, guides, instrument, control, expansion, stated_values)
+FAMILIES = (
+    thermal, reversal, structure, drive_train, guides, instrument, control, expansion, payload, tables_left_on,
+    drive_scale,
+)  # fmt: skip
 ENTRY_POINTS = "pkm_rig.effects"
 RESERVED = ("none", "unknown")
 INSIDE_GEOMETRY = ("smr_offset", "joint_spacing", "link_self_weight")

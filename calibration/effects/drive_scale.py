@@ -1,0 +1,80 @@
+"""A drive whose scale or zero changes while the campaign runs."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from calibration.base.arrays import Array
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
+from calibration.effects.basis_functions import cosine_basis, course_with_jumps
+
+ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
+SEVERAL_WEIGHT = 0.5  # of several changes against one
+COURSE_TERMS, COURSE_WEIGHT = 24, 0.1  # of any course in time, as fine as that of settling, against steps
+EACH_TIME_TERMS = 12  # of any function of the number of the exchange
+EXCHANGES_WEIGHT = 0.02  # of one at each payload exchange, whose moment is known
+
+
+def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
+    """From a moment on a drive counts with another scale or zero: a scale that slipped, a lost reference, homed anew.
+
+    Scale and zero error of a linear axis (ISO 230-2; Slocum, Precision Machine Design, SME 1992, ch. 2), in steps.
+    """
+    sets, name, t = BasisSets(), inputs.drive(drive), inputs.context.elapsed_s
+    low, high = inputs.machine.travel[drive]
+    per_shift = 2.0 / float(high - low)  # relative, that shifts the end of the travel by one
+    scales, zeros = inputs.onsets((f"scale.{name}",)), inputs.onsets((f"travel.{name}",))
+
+    def scale(shape: Array, form: str = "") -> list[int]:
+        return sets.add((f"scale.{name}", shape * per_shift), form=form)
+
+    def zero(shape: Array, form: str = "") -> list[int]:
+        return sets.add((f"travel.{name}", shape), form=form)
+
+    def after(onset_s: float) -> Array:
+        return (t >= onset_s).astype(np.float64)
+
+    for onset, prior in scales:
+        moved = zero(after(onset), "zero_with_scale")
+        sets.add_set(scale(after(onset), "scale"), moved, share=1.0, weight=prior, onset_s=onset)
+    for onset, prior in zeros:
+        sets.add_set(zero(after(onset), "zero"), weight=ZERO_WEIGHT * prior, onset_s=onset)
+    for changes, column, other, weight in ((scales, scale, zero, 1.0), (zeros, zero, scale, ZERO_WEIGHT)):
+        if len(changes) > 1:  # any number of steps
+            steps = np.column_stack([after(onset) for onset, _ in changes])
+            first, prior = changes[0]
+            sets.add_set(column(steps), other(steps), share=1.0, weight=weight * SEVERAL_WEIGHT * prior, onset_s=first)
+    # Any course in time.
+    of_scale, of_zero = (course_with_jumps(t, COURSE_TERMS, [at for at, _ in onsets]) for onsets in (scales, zeros))
+    sets.add_set(scale(of_scale), zero(of_scale), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))
+    sets.add_set(zero(of_zero), (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
+    exchanges = np.unique(inputs.context.exchanges)[1:]
+    if exchanges.size:  # somebody was in the cell: the drives were switched off, and homed again
+        since = (inputs.context.exchanges[:, None] >= exchanges).astype(np.float64)
+        sets.add_set(zero(since, "exchanges"), (), weight=EXCHANGES_WEIGHT, **strongest_onset(zeros))
+        each_time = cosine_basis(inputs.context.exchanges, min(EACH_TIME_TERMS, exchanges.size), roughness=0.5)
+        sets.add_set(zero(each_time), (), weight=EXCHANGES_WEIGHT, **strongest_onset(zeros))
+    return sets
+
+
+def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
+    return None if varies(inputs.context.t_s, 600.0) else "the campaign is too short"
+
+
+_ONSET = EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin")
+
+EFFECTS = (
+    Effect(
+        name="drive_scale",
+        place="drive",
+        size=EffectParameter("shift_m", 1e-6, 1e-3, "m", "of the zero, or at the end of the travel"),
+        reveals="time and the drive coordinate, reflectors on the sliders, floor nests",
+        confounded=("foundation_settling", "screw_thermal_growth"),
+        forms=drive_scale,
+        others=(_ONSET,),
+        untested=_untested_in_short_campaign,
+        textbook=Textbook("scale", "Slocum, Precision Machine Design, ch. 2: scale error of an axis"),
+        varies_with=("own travel", "time", "temperature"),
+        order=240,
+    ),
+)

@@ -18,7 +18,6 @@ REST_TERMS = 6  # of any function of the rest
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a delay that is another one at any time
 AFTER_EFFECT_S = (3.0, 12.0, 50.0, 200.0, 800.0)  # in which a part forgets former motions
 AFTER_EFFECT_WEIGHT = 0.1
-SWINGS_RAD_PER_S, CALMS_S = (0.7, 1.1, 1.7, 2.6, 4.0), (5.0, 15.0)  # of a load that hangs on the slider
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.02  # of a delay by any course in time
 ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
 
@@ -106,8 +105,6 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
     for load_n in _loads_along(inputs, drive):
         sets.add_set(sets.add((travel, load_n[:, None] * rest)), weight=ANY_REST_WEIGHT)
     whatever_speed = np.where(context.moving, 0.0, 1.0)
-    arrives = -context.direction[:, drive] * _speeds(inputs)[0]
-    sets.add_set(sets.add((travel, arrives[:, None] * _swings(inputs))), weight=ANY_REST_WEIGHT)
     for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", whatever_speed)):
         behind = -context.direction[:, drive] * speed
         any_way = sets.add((travel, behind[:, None] * rest))
@@ -121,14 +118,6 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
             oscillating = sets.add((travel, behind[:, None] * ringing), form="ringing")
             sets.add_set(oscillating, any_way, share=0.4, tau_s=tau, weight=0.5)
     return sets
-
-
-def _swings(inputs: EffectInputs) -> Array:
-    """Oscillations (n, k) at rest, slower than a servo's, that die away, also in proportion to the payload."""
-    t = inputs.context.dwell_s[:, None]
-    phase = t * np.array(SWINGS_RAD_PER_S)
-    swings = np.concatenate([np.exp(-t / calms) * w(phase) for calms in CALMS_S for w in (np.cos, np.sin)], axis=1)
-    return np.concatenate([swings, swings * inputs.payload_ratio[:, None]], axis=1)
 
 
 def _loads_along(inputs: EffectInputs, drive: int) -> list[Array]:

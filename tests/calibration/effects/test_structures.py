@@ -226,13 +226,6 @@ def guide_angular__driven_off_centre(inputs):
     return {"turn.left.z": inputs.context.direction[:, 0] * (1.0 + 0.8 * inputs.payload_ratio)}
 
 
-def servo_settling__load_that_swings(inputs):
-    """It hangs on the slider and swings on when that stops."""
-    context = inputs.context
-    swing = np.exp(-context.dwell_s / 9.0) * np.cos(1.4 * context.dwell_s)
-    return {"travel.left": context.direction[:, 0] * context.speed_m_per_s * inputs.payload_ratio * swing}
-
-
 def latency__steered_clock(inputs):
     """A clock that is set right in steps and runs away in between."""
     late = inputs.context.velocity_m_per_s * ((inputs.context.elapsed_s[:, None] / 1100.0) % 1.0)
@@ -253,7 +246,7 @@ LAWS = (
 )  # fmt: skip
 LAWS_OF_LONG = (
     guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks, guide_straightness__bolts,
-    guide_angular__driven_off_centre, servo_settling__load_that_swings, latency__steered_clock,
+    guide_angular__driven_off_centre, latency__steered_clock,
 )  # fmt: skip
 
 

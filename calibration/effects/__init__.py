@@ -18,6 +18,7 @@ __all__ = [
     "guides",
     "instrument",
     "memory",
+    "onsets",
     "partial_context",
     "payload",
     "reversal",

@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset
 from calibration.effects.basis_functions import cosine_basis, course_with_jumps
+from calibration.effects.onsets import ONSET, untested_in_short_campaign
 
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
@@ -57,12 +58,6 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
     return sets
 
 
-def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
-    return None if varies(inputs.context.t_s, 600.0) else "the campaign is too short"
-
-
-_ONSET = EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin")
-
 EFFECTS = (
     Effect(
         name="drive_scale",
@@ -71,8 +66,8 @@ EFFECTS = (
         reveals="time and the drive coordinate, reflectors on the sliders, floor nests",
         confounded=("foundation_settling", "screw_thermal_growth"),
         forms=drive_scale,
-        others=(_ONSET,),
-        untested=_untested_in_short_campaign,
+        others=(ONSET,),
+        untested=untested_in_short_campaign,
         textbook=Textbook("scale", "Slocum, Precision Machine Design, ch. 2: scale error of an axis"),
         varies_with=("own travel", "time", "temperature"),
         order=240,

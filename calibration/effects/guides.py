@@ -13,6 +13,7 @@ from calibration.effects.basis_functions import (
     steps_over,
     tensor_product,
 )
+from calibration.effects.onsets import ONSET, untested_in_short_campaign
 from calibration.recording.header import HOUR_S
 
 SHORTEST_WAVE_M = 0.06
@@ -103,10 +104,6 @@ def _untested_with_short_travel(inputs: EffectInputs) -> str | None:
     return None if all(varies(q, 0.1) for q in inputs.context.drives.T) else "the drives hardly moved"
 
 
-def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
-    return None if varies(inputs.context.t_s, 600.0) else "the campaign is too short"
-
-
 EFFECTS = (
     Effect(
         name="guide_straightness",
@@ -137,8 +134,8 @@ EFFECTS = (
         reveals="time, reflectors on the sliders against the floor nests",
         confounded=("column_thermal_growth", "tracker_drift"),
         forms=settling,
-        others=(EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin"),),
-        untested=_untested_in_short_campaign,
+        others=(ONSET,),
+        untested=untested_in_short_campaign,
         measured="range",
         textbook=Textbook("consolidation", "Terzaghi, Theoretical Soil Mechanics: settlement that dies away"),
         varies_with=("own travel", "other travel", "payload"),

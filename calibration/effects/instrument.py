@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
+from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, scale_to_symmetric, tensor_product
 from calibration.effects.context import ReadingContext
+from calibration.effects.onsets import ONSET, untested_in_short_campaign
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
 ONSETS = 12
@@ -122,12 +123,6 @@ def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
     return sets
 
 
-def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
-    return None if varies(inputs.context.t_s, 600.0) else "the campaign is too short"
-
-
-_ONSET = EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin")
-
 EFFECTS = (
     Effect(
         name="tracker_drift",
@@ -136,8 +131,8 @@ EFFECTS = (
         reveals="time, floor nests",
         confounded=("foundation_settling",),
         forms=drift,
-        others=(_ONSET,),
-        untested=_untested_in_short_campaign,
+        others=(ONSET,),
+        untested=untested_in_short_campaign,
         declared=lambda nuisance: nuisance.drift_m,
         measured="norm of channels",
         textbook=Textbook("steady", "JCGM 200 (VIM), 4.21: instrumental drift"),
@@ -161,8 +156,8 @@ EFFECTS = (
         reveals="time, one reflector against the others",
         confounded=(),
         forms=reseat,
-        others=(_ONSET,),
-        untested=_untested_in_short_campaign,
+        others=(ONSET,),
+        untested=untested_in_short_campaign,
         declared=lambda nuisance: nuisance.reseat_m,
         measured="range",
         textbook=Textbook("step", "Estler et al. 2002, CIRP Annals 51(2): a target that is put back"),

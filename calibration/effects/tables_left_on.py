@@ -8,6 +8,7 @@ import numpy as np
 
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis
+from calibration.effects.onsets import ONSET
 
 TABLE_TERMS = 3  # of any function of another drive's coordinate
 BESIDE_M = (0.03, 0.08, 0.15, 0.22)  # beside its own place, at which a table may be looked up
@@ -113,8 +114,6 @@ def _untested_without_tables(inputs: EffectInputs) -> str | None:
     return None if inputs.context.known_tables else "the recording names no compensation tables"
 
 
-_ONSET = EffectParameter("onset_s", 0.0, 1e5, "s", "after the campaign's begin")
-
 EFFECTS = (
     Effect(
         name="tables_left_on",
@@ -123,7 +122,7 @@ EFFECTS = (
         reveals="tables that the recording names, drive coordinates off their nodes",
         confounded=("screw_cumulative_error", "axis_coupling"),
         forms=tables_left_on,
-        others=(_ONSET,),
+        others=(ONSET,),
         untested=_untested_without_tables,
         textbook=Textbook("all_of_it", "ISO/TR 16907: numerical compensation adds a table's value to the command"),
         varies_with=("own travel", "other travel", "side", "payload", "time", "temperature"),

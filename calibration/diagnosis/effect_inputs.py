@@ -11,13 +11,12 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.diagnosis.periodogram import Periodogram
-from calibration.effects.api import EffectInputs
+from calibration.diagnosis.periodogram import SHORTEST_M, Periodogram
+from calibration.effects.api import EffectInputs, Periods
 from calibration.machine.sensitivity import Sensitivity
 
 ONSETS_APART_S = 40.0
 MAX_ONSETS = 6
-Periods = Callable[[int, float, float], list[tuple[float, float]]]
 Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 
 
@@ -25,8 +24,11 @@ def inputs_of_recording(likelihood: MarginalLikelihood, periodograms: tuple[Peri
     """The inputs of effects on a recording's readings, with a periodogram for each drive."""
 
     @cache
-    def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
-        return periodograms[drive].strongest_periods(shortest_m, longest_m)
+    def periods(
+        drive: int, shortest_m: float, longest_m: float, over: tuple[float, ...] = ()
+    ) -> list[tuple[float, float]]:
+        along = _periodogram(likelihood, drive, over, shortest_m) if over else periodograms[drive]
+        return along.strongest_periods(shortest_m, longest_m)
 
     def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
         return strongest_onsets(likelihood, channels)
@@ -88,15 +90,20 @@ def _payload_elongation(sensitivity: Sensitivity, column: Array) -> Array:
 
 def periodograms(likelihood: MarginalLikelihood) -> tuple[Periodogram, ...]:
     """Periodogram of the weighted residual along each drive's coordinate."""
-    out = []
+    drives = len(likelihood.linear.machine.drive_names)
+    return tuple(_periodogram(likelihood, a, np.eye(drives)[a], SHORTEST_M) for a in range(drives))
+
+
+def _periodogram(
+    likelihood: MarginalLikelihood, drive: int, over: Sequence[float] | Array, finest_m: float
+) -> Periodogram:
+    """Periodogram of the weighted residual of a drive along the drives' coordinates, each times its weight (d,)."""
     linear = likelihood.linear
     rows = np.flatnonzero(linear.visit >= 0)
-    for a, drive in enumerate(linear.machine.drive_names):
-        response = likelihood.response(f"travel.{drive}")
-        score = np.sum(response * likelihood.weighted_residual, axis=1)[rows]
-        information = float(np.sum(response[rows] ** 2))
-        out.append(Periodogram.from_scores(linear.context.drives[rows, a], score, information))
-    return tuple(out)
+    response = likelihood.response(f"travel.{linear.machine.drive_names[drive]}")
+    score = np.sum(response * likelihood.weighted_residual, axis=1)[rows]
+    information = float(np.sum(response[rows] ** 2))
+    return Periodogram.from_scores(linear.context.drives[rows] @ np.asarray(over), score, information, finest_m)
 
 
 def strongest_onsets(likelihood: MarginalLikelihood, channels: Sequence[str]) -> list[tuple[float, float]]:

@@ -28,26 +28,32 @@ MAX_PEAKS_PER_OCTAVE = 2  # among few positions, aliases at short periods outnum
 
 @dataclass(frozen=True)
 class Periodogram:
-    """Power over noise (f,) at frequencies (f,) in 1/m, of scores (n,) at positions (n,) with a total information."""
+    """Power over noise (f,) at frequencies (f,) in 1/m, of scores (n,) at positions (n,) with a total information.
+
+    finest_m: shortest period for which it was computed.
+    """
 
     frequency: Array
     power: Array
     position_m: Array
     score: Array
     information: float
+    finest_m: float = SHORTEST_M
 
     @classmethod
-    def from_scores(cls, position_m: Array, score: Array, information: float) -> Periodogram:
+    def from_scores(
+        cls, position_m: Array, score: Array, information: float, finest_m: float = SHORTEST_M
+    ) -> Periodogram:
         """Power is the likelihood ratio statistic of a sine: 2 on average for pure noise."""
         span = max(float(np.ptp(position_m)), 1e-6)
-        step = SHORTEST_M / CELLS_PER_PERIOD
+        step = finest_m / CELLS_PER_PERIOD
         size = max(2 ** int(np.ceil(np.log2(OVERSAMPLING * span / step))), 2 * CELLS_PER_PERIOD)
         grid = np.zeros((CELLS_PER_PERIOD, size // CELLS_PER_PERIOD), dtype=np.float32)  # direct sums refine peaks
         cell = np.round((position_m - position_m.min()) / step).astype(np.intp)
         np.add.at(grid, (cell % CELLS_PER_PERIOD, cell // CELLS_PER_PERIOD), score)
         power = _lowest_quarter(grid) * (2.0 / max(information, 1e-300))
         frequency = np.arange(len(power)) / (size * step)
-        return cls(frequency, power, position_m, score, information)
+        return cls(frequency, power, position_m, score, information, finest_m)
 
     @cached_property
     def shortest_m(self) -> float:
@@ -57,8 +63,8 @@ class Periodogram:
         below those of common scales are not tried.
         """
         positions = np.unique(np.round(self.position_m / SAME_M))
-        by_chance = 2.0 * np.log(max(1.0 / (self.resolution * SHORTEST_M), 1.0)) / len(positions)
-        shortest = COMMON_M if by_chance > MOST_BY_CHANCE else SHORTEST_M
+        by_chance = 2.0 * np.log(max(1.0 / (self.resolution * self.finest_m), 1.0)) / len(positions)
+        shortest = max(COMMON_M, self.finest_m) if by_chance > MOST_BY_CHANCE else self.finest_m
         for step in STEPS_M:
             if np.all(np.abs(self.position_m / step - np.round(self.position_m / step)) < 1e-3):
                 return max(shortest, CELLS_PER_PERIOD * step)

@@ -12,7 +12,7 @@ import math
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Literal, TypeVar
+from typing import Any, Literal, Protocol, TypeVar
 
 import numpy as np
 
@@ -36,6 +36,7 @@ __all__ = [
     "Effect",
     "EffectInputs",
     "EffectParameter",
+    "Periods",
     "Tangent",
     "Tangents",
     "Textbook",
@@ -76,6 +77,15 @@ class Textbook:
     source: str
 
 
+class Periods(Protocol):
+    """The question that `EffectInputs.periods` answers."""
+
+    def __call__(
+        self, drive: int, shortest_m: float, longest_m: float, over: tuple[float, ...] = (), /
+    ) -> Sequence[tuple[float, float]]:
+        """Periods in m with the prior of each; over (d,): weights of the drives' coordinates, none for its own."""
+
+
 @dataclass(frozen=True)
 class EffectInputs:
     """Everything that an effect may use: the machine, the context of the readings, forces of the fitted model.
@@ -83,8 +93,9 @@ class EffectInputs:
     tension_n (n, s): of the struts; tension_response_n_per_m (n, s, s): change of each strut's tension with the length
     of each; payload_elongation_m (n, s) by channel of the payload: of each strut by one unit of it;
     pull_n (n, d, 3), moment_nm (n, d): of the struts on each slider, about the middle of its joints; sight_m
-    (n, 3): the measured points in the station's frame. periods: of a drive, between a shortest and a longest in m, the
-    most prominent spatial periods with the prior probability of each; onsets: of some channels, the most likely times,
+    (n, 3): the measured points in the station's frame. periods: of what errs along a drive, between a shortest and a
+    longest in m, the most prominent spatial periods over its coordinate, or over all drives' coordinates each times its
+    weight (d,), with the prior probability of each; onsets: of some channels, the most likely times,
     in s since the campaign's start, of a lasting change, also with prior probabilities.
     """
 
@@ -96,7 +107,7 @@ class EffectInputs:
     moment_nm: Array
     sight_m: Array
     channels: tuple[str, ...]
-    periods: Callable[[int, float, float], Sequence[tuple[float, float]]]
+    periods: Periods
     onsets: Callable[[Sequence[str]], Sequence[tuple[float, float]]]
     payload_elongation_m: Mapping[str, Array] = field(default_factory=dict)
 

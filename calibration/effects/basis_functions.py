@@ -52,6 +52,12 @@ def cosine_basis(x: Array, terms: int, *, roughness: float = 2.0, constant: bool
     return np.asarray(columns * (sd / np.sqrt(np.sum(sd**2))))
 
 
+def wave_of(q_m: Array, period_m: float) -> Array:
+    """Sine and cosine (n, 2) of a coordinate: a wave of any phase."""
+    phase = 2.0 * np.pi * q_m / period_m
+    return np.stack([np.sin(phase), np.cos(phase)], axis=1)
+
+
 def fourier_basis(t_s: Array, shortest_s: float, pairs: int) -> Array:
     """Sines and cosines (n, 2 k) of equal size down to a shortest period, total RMS one: a slow variation in time."""
     longest = max(2.0 * float(np.ptp(t_s)), 2.0 * shortest_s)

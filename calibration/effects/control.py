@@ -6,11 +6,13 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product, wave_of
 
 REFERENCE_SPEED_M_PER_S = 0.5
 DWELL_TIMES_S = geometric_series(0.5, 16.0, 7)
 CAPS_M_PER_S = (10.0, 0.3, 0.2, 0.15, 0.125)
+TURNS_M, TURNS_WEIGHT = (2.0e-4, 6.0e-2), 0.3  # periods over the other's coordinate, or over the difference of both
+FEWEST_POSITIONS = 30  # below which periods are not told apart
 OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and of the one that is shifted
 SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
 SHORT_LEG_M = 0.01  # below which a leg's length does not matter
@@ -48,7 +50,21 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
         leg_m = np.abs(q - context.previous_drives[:, other]) if "history" not in context.not_said else np.zeros(len(q))
         whatever_leg = cosine_basis(np.log(leg_m + SHORT_LEG_M), LEG_TERMS, constant=True)
         sets.add_set(sets.add((travel, push[:, None] * tensor_product(whatever_speed, whatever_leg))), weight=0.5)
+        for over in _coordinates_with(inputs, drive, other):
+            along = context.drives @ np.array(over)
+            for period, prior in inputs.periods(drive, *TURNS_M, over):
+                turning, twice = (sets.add((travel, 0.25 * wave_of(along, period / k))) for k in (1.0, 2.0))
+                sets.add_set(turning, twice, share=0.5, weight=TURNS_WEIGHT * prior, period_m=period)
     return sets
+
+
+def _coordinates_with(inputs: EffectInputs, drive: int, other: int) -> tuple[tuple[float, ...], ...]:
+    """Weights of the drives' coordinates over which errors of a drive may repeat with another: the other's alone, as of
+    its screw that turns, and the difference of both, as of signals that mix. None on a grid."""
+    if len(np.unique(np.round(inputs.context.drives[:, other], 7))) < FEWEST_POSITIONS:
+        return ()
+    own, others = np.eye(len(inputs.machine.drive_names))[[drive, other]]
+    return tuple(others.tolist()), tuple((others - own).tolist())
 
 
 def latency(inputs: EffectInputs, _: int) -> BasisSets:
@@ -160,6 +176,7 @@ EFFECTS = (
         reveals="the other drive's coordinate, reflectors on the sliders",
         confounded=("screw_cumulative_error",),
         forms=coupling,
+        others=(EffectParameter("period_m", *TURNS_M, "m", "of what repeats with the other", aliased=True),),
         untested=_untested_with_one_drive,
         textbook=Textbook("in_proportion", "ISO 230-1: squareness and parallelism of axes"),
         varies_with=("own travel", "other travel", "side", "payload", "speed", "time", "temperature"),

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
-from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.basis_functions import cosine_basis, wave_of
 
 TRANSMISSION_M = (2.0e-4, 6.0e-2)  # of screws, and of teeth of belts, racks and gears
 PITCH_M = (2.0e-6, 6.0e-3)  # of optical scales up to inductive and magnetic ones
@@ -83,16 +83,16 @@ def _periodic(inputs: EffectInputs, drive: int, periods: Sequence[tuple[float, f
     u = inputs.normalised_travel(drive)
     least = min(sorted((prior for _, prior in periods), reverse=True)[:ANYHOW_PERIODS], default=0.0)
     for period, prior in periods:
-        wave = _pair(q, period)
+        wave = wave_of(q, period)
         main = sets.add((travel, wave), form="sine")
-        harmonics = [sets.add((travel, _pair(q, period / k)), form="harmonics") for k in (2.0, 3.0)]
+        harmonics = [sets.add((travel, wave_of(q, period / k)), form="harmonics") for k in (2.0, 3.0)]
         changing = [sets.add((travel, wave * by[:, None]), form="sine_by_travel") for by in (u, u**2 - 0.5)]
         changing.append(sets.add((travel, wave * (inputs.payload_ratio - 0.5)[:, None]), form="sine_by_payload"))
         rest = [c for columns in (*harmonics, *changing) for c in columns]
         sets.add_set(main, rest, share=0.5, weight=prior, period_m=period)
         if prior >= least:
             anyhow = [sets.add((travel, wave * by[:, None])) for by in _slow_changes(inputs, drive)]
-            anyhow += [sets.add((travel, _pair(q, period / k))) for k in OVERTONES]
+            anyhow += [sets.add((travel, wave_of(q, period / k))) for k in OVERTONES]
             flexible = [c for columns in anyhow for c in columns]
             sets.add_set(main, flexible, share=0.5, weight=ANYHOW_WEIGHT * prior, period_m=period)
     return sets
@@ -104,11 +104,6 @@ def _slow_changes(inputs: EffectInputs, drive: int) -> list[Array]:
     place = cosine_basis(context.drives[:, drive], 2)
     ages = [] if "t_s" in context.not_said else list(cosine_basis(context.elapsed_s, AGE_TERMS, roughness=1.0).T)
     return [*place.T, *ages]
-
-
-def _pair(q: Array, period: float) -> Array:
-    phase = 2.0 * np.pi * q / period
-    return np.stack([np.sin(phase), np.cos(phase)], axis=1)
 
 
 def _untested_on_a_grid(inputs: EffectInputs) -> str | None:

@@ -93,11 +93,14 @@ def _refine(inputs: EffectInputs, reported: float) -> EffectInputs:
     """The inputs with a fine grid of periods and onsets around the reported value, in place of that value alone."""
     steps = np.arange(-STEPS, STEPS + 1)
 
-    def periods(drive: int, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
-        resolution = 1.0 / max(float(np.ptp(inputs.context.drives[:, drive])), 1e-6)
+    def periods(
+        drive: int, shortest_m: float, longest_m: float, over: tuple[float, ...] = ()
+    ) -> list[tuple[float, float]]:
+        along = inputs.context.drives @ np.array(over) if over else inputs.context.drives[:, drive]
+        resolution = 1.0 / max(float(np.ptp(along)), 1e-6)
         frequency = 1.0 / reported + steps * resolution / STEPS_PER_RESOLUTION if reported > 0.0 else np.empty(0)
         fine = 1.0 / frequency[frequency > 0.0]
-        return _replace(inputs.periods(drive, shortest_m, longest_m), reported, fine)
+        return _replace(inputs.periods(drive, shortest_m, longest_m, over), reported, fine)
 
     def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
         arrived_s = np.unique(inputs.context.history.arrived_s - inputs.context.start_s)

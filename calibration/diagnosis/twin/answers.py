@@ -11,7 +11,7 @@ from dataclasses import dataclass, field, replace
 
 from calibration.effects.api import EffectInputs
 
-PeriodQuestion = tuple[int, float, float]  # drive, shortest and longest period in m
+PeriodQuestion = tuple[int, float, float, tuple[float, ...]]  # drive, shortest and longest period in m, over what
 OnsetQuestion = tuple[str, ...]  # channels
 Values = tuple[float, ...]
 Use = Callable[[EffectInputs], object]
@@ -30,9 +30,11 @@ class RecordedAnswers:
         periods_m: dict[PeriodQuestion, Values] = {}
         onsets_s: dict[OnsetQuestion, Values] = {}
 
-        def periods(drive: int, shortest_m: float, longest_m: float) -> Sequence[tuple[float, float]]:
-            answer = inputs.periods(drive, shortest_m, longest_m)
-            periods_m[drive, shortest_m, longest_m] = tuple(float(period_m) for period_m, _ in answer)
+        def periods(
+            drive: int, shortest_m: float, longest_m: float, over: tuple[float, ...] = ()
+        ) -> Sequence[tuple[float, float]]:
+            answer = inputs.periods(drive, shortest_m, longest_m, over)
+            periods_m[drive, shortest_m, longest_m, over] = tuple(float(period_m) for period_m, _ in answer)
             return answer
 
         def onsets(channels: Sequence[str]) -> Sequence[tuple[float, float]]:
@@ -46,8 +48,10 @@ class RecordedAnswers:
     def replay(self, inputs: EffectInputs) -> EffectInputs:
         """The same inputs with the recorded answers; a question that was never asked has none."""
 
-        def periods(drive: int, shortest_m: float, longest_m: float) -> Sequence[tuple[float, float]]:
-            return [(period_m, 1.0) for period_m in self.periods_m.get((drive, shortest_m, longest_m), ())]
+        def periods(
+            drive: int, shortest_m: float, longest_m: float, over: tuple[float, ...] = ()
+        ) -> Sequence[tuple[float, float]]:
+            return [(period_m, 1.0) for period_m in self.periods_m.get((drive, shortest_m, longest_m, over), ())]
 
         def onsets(channels: Sequence[str]) -> Sequence[tuple[float, float]]:
             return [(onset_s, 1.0) for onset_s in self.onsets_s.get(tuple(channels), ())]

@@ -64,7 +64,7 @@ def _twin_effect_data(added: TwinEffect) -> dict[str, Any]:
         "coefficients": list(added.coefficients),
         "column_rms": list(added.column_rms),
         "periods_m": [list(values) for values in answers.periods_m.values()],
-        "periods_asked": [list(question) for question in answers.periods_m],
+        "periods_asked": [[*question, *over] for *question, over in answers.periods_m],
         "onsets_s": [list(values) for values in answers.onsets_s.values()],
         "onsets_asked": [list(question) for question in answers.onsets_s],
     }
@@ -181,8 +181,9 @@ def _twin_effect(campaign: TwinCampaign, data: Mapping[str, Any], catalogue: Cat
     curve = _curve(data["curve"])
     periods_m, onsets_s = _values(data["periods_m"], 1e-9), _values(data["onsets_s"], -LARGEST)
 
+    drives = len(campaign.machine.drive_names)
     answers = RecordedAnswers(
-        _by_question([_period_question(asked) for asked in data["periods_asked"]], periods_m),
+        _by_question([_period_question(asked, drives) for asked in data["periods_asked"]], periods_m),
         _by_question([_onset_question(asked) for asked in data["onsets_asked"]], onsets_s),
     )
     column_rms = tuple(_float_array("column_rms", data["column_rms"], count).tolist())
@@ -227,12 +228,14 @@ def _by_question(questions: Sequence[Question], answers: Sequence[Values]) -> di
     return dict(zip(questions, answers, strict=True))
 
 
-def _period_question(asked: Any) -> PeriodQuestion:
-    drive, *limits = asked
+def _period_question(asked: Any, drives: int) -> PeriodQuestion:
+    """Drive, limits and, if not over its own coordinate, the weight of each drive's."""
+    drive, *numbers = asked
     if type(drive) is not int:
         raise ValueError("'periods_asked' does not begin with the number of a drive")
-    shortest_m, longest_m = _float_array("periods_asked", limits, 2).tolist()
-    return drive, shortest_m, longest_m
+    count = 2 if len(numbers) == 2 else 2 + drives
+    shortest_m, longest_m, *over = _float_array("periods_asked", numbers, count).tolist()
+    return drive, shortest_m, longest_m, tuple(over)
 
 
 def _onset_question(asked: Any) -> OnsetQuestion:

@@ -23,6 +23,18 @@ def test_a_sine_is_found_to_a_thousandth(period_m):
     assert 0.0 < prior < 1.0
 
 
+@pytest.mark.parametrize("period_m", [4.7e-4, 5.0e-3, 4.0e-2])
+def test_a_coarser_one_finds_the_same_sine_and_nothing_finer(period_m):
+    q = positions(240)
+    y = 3.0 * np.sin(2.0 * np.pi * q / period_m + 0.7) + 0.3 * np.random.default_rng(3).standard_normal(len(q))
+    coarse, fine = (Periodogram.from_scores(q, y, 240.0, finest_m) for finest_m in (2.0e-4, SHORTEST_M))
+    (found, _), (also_found, _) = (p.strongest_periods(2.0e-4, 6.0e-2)[0] for p in (coarse, fine))
+    assert found == pytest.approx(period_m, rel=1e-3)
+    assert found == pytest.approx(also_found, rel=1e-3)
+    assert len(coarse.power) < len(fine.power) / 50
+    assert coarse.strongest_periods(SHORTEST_M, 1.0e-4) == []
+
+
 def test_power_is_the_likelihood_ratio_of_a_sine():
     """Against least squares at the same frequency."""
     rng = np.random.default_rng(4)

@@ -11,7 +11,9 @@ from calibration.diagnosis.twin.answers import RecordedAnswers
 from calibration.effects.api import EffectInputs
 from tests.calibration.diagnosis.campaigns import simulated
 
-QUESTIONS = ((0, 4e-3, 4e-2), (1, 4e-3, 4e-2), (0, 1e-5, 2e-3))
+QUESTIONS = (
+    (0, 4e-3, 4e-2), (1, 4e-3, 4e-2), (0, 1e-5, 2e-3), (0, 4e-3, 4e-2, (0.0, 1.0)), (0, 4e-3, 4e-2, (-1.0, 1.0)),
+)  # fmt: skip
 
 
 @pytest.fixture(scope="module")

@@ -56,7 +56,7 @@ def typical_inputs(visits: int = 40) -> EffectInputs:
     return replace(
         inputs,
         context=replace(inputs.context, temperatures_c=temperatures, known_tables=tables),
-        periods=lambda drive, shortest_m, longest_m: ((float(np.sqrt(shortest_m * longest_m)), 1.0),),
+        periods=lambda drive, shortest_m, longest_m, over=(): ((float(np.sqrt(shortest_m * longest_m)), 1.0),),
         onsets=lambda channels: ((600.0, 0.6), (1200.0, 0.4)),
     )
 

@@ -81,7 +81,7 @@ class Rig:
             seen = recorded(SimulatedCampaign(PLANAR, settings, self.campaign.timeline))
             context = replace(context, torque=context_of_recording(seen).torque)
         period_m = PERIOD_M.get(choice.name, 0.0)
-        return replace(self.inputs, context=context, periods=lambda *_: [(period_m, 1.0)])
+        return replace(self.inputs, context=context, periods=lambda *_: [(period_m, 1.0)] if period_m else [])
 
 
 @pytest.fixture(scope="module")

@@ -232,6 +232,23 @@ def latency__steered_clock(inputs):
     return {f"travel.{inputs.drive(a)}": late[:, a] for a in range(2)}
 
 
+def axis_coupling__turns(inputs):
+    """The other axis's screw runs out of true and pushes what both hang on."""
+    q = inputs.context.drives[:, 1]
+    return {"travel.left": np.sin(2.0 * np.pi * q / period_m(inputs) + 0.4)}
+
+
+def axis_coupling__mixed_signals(inputs):
+    """The other axis's signals mix into those of this one."""
+    q = inputs.context.drives
+    return {"travel.left": np.sin(2.0 * np.pi * (q[:, 0] - q[:, 1]) / period_m(inputs) + 1.1)}
+
+
+def period_m(inputs) -> float:
+    ((period_m, _),) = inputs.periods(0, 2.0e-4, 6.0e-2, (0.0, 1.0))
+    return period_m
+
+
 def scaled(x) -> np.ndarray:
     return (x - x.min()) / np.ptp(x)
 
@@ -246,7 +263,7 @@ LAWS = (
 )  # fmt: skip
 LAWS_OF_LONG = (
     guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks, guide_straightness__bolts,
-    guide_angular__driven_off_centre, latency__steered_clock,
+    guide_angular__driven_off_centre, latency__steered_clock, axis_coupling__turns, axis_coupling__mixed_signals,
 )  # fmt: skip
 
 

@@ -18,6 +18,7 @@ from mock_devices.effects import (
     interpolation,
     ordinary_disturbances,
     outside,
+    outside_bearings_hoses,
     outside_final,
     outside_further,
     outside_motions,
@@ -54,6 +55,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_motions,
         outside_further,
         outside_station,
+        outside_bearings_hoses,
         outside_final,
         ordinary_disturbances,
     )

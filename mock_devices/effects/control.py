@@ -25,6 +25,10 @@ BEATS_S = (150.0, 500.0)  # in which one cycle runs past another
 LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
 SWINGS, CALMS = 3.0, 0.5  # of a load: rate and decay, over tau_s
 LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; travel that leaves the size
+WRAPS = 0.5  # friction of a rope on its pulleys times the angle round which it lies
+SHORTER, SWITCHES_M_PER_S = (0.15, 0.5), (0.15, 0.35)  # of two filters: delay of one over the other's; speed that chooses it
+UNWINDS = 3.0  # time constant of an integral part that unwinds, over tau_s
+WOUND_M, UNWOUND_M = 0.25, 0.04  # ways of which an integral part is wound up to its limit, or not at all
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -47,6 +51,9 @@ class AxisCoupling(Effect):
     of screws in A. H. Slocum, "Precision Machine Design" (1992).
     `loaded_bridge`: both axes hang on one bridge, which gives way the further the other one goes out on it and the more
     the platform carries: W. J. M. Rankine, "A Manual of Applied Mechanics" (1858). The ratio is that without payload.
+    `shared_rope`: a rope over pulleys ties both axes, and friction on the pulleys makes its pull larger or smaller by
+    which way the other one went last, by an exponential of the angle round which the rope lies: L. Euler, "Remarques
+    sur l'effet du frottement dans l'équilibre" (1762). The ratio is that without friction.
     """
 
     def setup(self) -> None:
@@ -70,17 +77,18 @@ class AxisCoupling(Effect):
             y = 2.0 * x * np.abs(x) / half
         elif self.variant == "saturating":
             y = 0.25 * np.tanh(x / 0.12)
-        elif self.variant == "by_approach":  # the other axis pushes while it comes, and this one sticks
-            y = 0.25 * state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
-        elif self.variant == "cross_coupled":
+        elif self.variant in ("by_approach", "cross_coupled"):  # the other axis pushes while it comes: this one sticks
             behind = state.direction[:, b] * state.speed_m_per_s[:, b] / REFERENCE_SPEED_M_PER_S
-            y = 0.25 * behind * np.exp(-state.since_s[:, b] / COUPLED_S)
+            forgets_s = COUPLED_S if self.variant == "cross_coupled" else np.inf
+            y = 0.25 * behind * np.exp(-state.since_s[:, b] / forgets_s)
         elif self.variant == "crosstalk":
             y = 0.25 * np.sin(2.0 * np.pi * (state.q_m[:, b] - state.q_m[:, a]) / RESOLVER_M + self.phase)
         elif self.variant == "turn_of_other":
             y = 0.25 * np.sin(2.0 * np.pi * state.q_m[:, b] / self.lead_m + self.phase)
         elif self.variant == "loaded_bridge":
             y = x * (1.0 + state.payload_kg / self.site.machine.moving_mass_kg)
+        elif self.variant == "shared_rope":
+            y = x * np.exp(WRAPS * state.direction[:, b])
         elif self.variant == "dragged_chain":
             y = self._chain.at(state, b) - middle
         elif self.variant == "elastic_bed":
@@ -123,6 +131,9 @@ class Latency(Effect):
     `beating_cycles`: the station asks in a cycle of its own for what the drives give out in another one, of nearly the
     same length, so that a value is older and older until the cycles have run past one another: B. Wittenmark, J.
     Nilsson, M. Törngren, "Timing Problems in Real-Time Control Systems" (1995). The size is the mean.
+    `adaptive_filter`: above a certain speed the station filters with a shorter window, which lags behind less: filters
+    that adapt to what they see in B. Widrow, S. D. Stearns, "Adaptive Signal Processing" (1985). The size is the delay
+    of the longer one.
     """
 
     def setup(self) -> None:
@@ -131,6 +142,8 @@ class Latency(Effect):
         self.steers_s = float(self.rng.uniform(*STEERS_S))
         self.beats_s = float(self.rng.uniform(*BEATS_S))
         self.phase = float(self.rng.uniform(0.0, 1.0))
+        self.shorter = float(self.rng.uniform(*SHORTER))
+        self.switches_m_per_s = float(self.rng.uniform(*SWITCHES_M_PER_S))
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -150,8 +163,10 @@ class Latency(Effect):
             elif self.variant == "steered_clock":
                 share = self._left_of_step(t)
             return np.asarray(self.size * share)
-        if self.variant == "with_speed":
-            return np.asarray(self.size * np.abs(state.velocity_m_per_s).max(axis=1) / 0.25)
+        if self.variant in ("adaptive_filter", "with_speed"):
+            speed = np.abs(state.velocity_m_per_s).max(axis=1)
+            share = np.where(speed > self.switches_m_per_s, self.shorter, 1.0)
+            return np.asarray(self.size * (share if self.variant == "adaptive_filter" else speed / 0.25))
         return self.size
 
     def _left_of_step(self, t: Array) -> Array:
@@ -187,23 +202,32 @@ class ServoSettling(Effect):
     `half_order`: a rubber element relaxes by a derivative of the order one half, as if it had all time constants, with
     a long tail of one over the root of time: exp(t) erfc(sqrt(t)), t over tau_s, in M. Caputo, F. Mainardi, "A New
     Dissipation Model Based on Memory Mechanism" (1971).
+    `wound_up`: the integral part winds up over every long way, up to its limit, and carries the slider beyond until it
+    has unwound: K. J. Åström, L. Rundqwist, "Integrator Windup and How to Avoid It" (1989). A short approach leaves
+    what the long way before it has wound up. The size is what the limit gives, at any speed.
     """
 
     def setup(self) -> None:
         """What the belt has not yet forgotten."""
         tau = self.values["tau_s"]
         self._ways = LegMemory(lambda way, _speed, _: way / AFTER_M, tau, LONG * tau)
+        self._wound = LegMemory(_winds, UNWINDS * tau)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the belt of this drive remember."""
         if self.variant == "after_effect" and drive == self.place:
             self._ways.record(leg)
+        elif self.variant == "wound_up" and drive == self.place:
+            self._wound.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
         a, tau = self.place, self.values["tau_s"]
         if self.variant == "after_effect":
             deviation.travel_m[:, a] -= self.size * self._ways.at(state, a).mean(axis=1)
+            return
+        if self.variant == "wound_up":
+            deviation.travel_m[:, a] += self.size * self._wound.at(state, a)[:, 0]
             return
         t = state.since_s[:, a] / tau
         share = np.exp(-t)
@@ -236,6 +260,11 @@ class ServoSettling(Effect):
         deviation.travel_m[:, a] -= self.size * behind * share
 
 
+def _winds(way_m: Array, _speed: Array, _start_s: Array) -> Array:
+    """What a way winds up (n,), over the limit."""
+    return np.sign(way_m) * np.clip((np.abs(way_m) - UNWOUND_M) / (WOUND_M - UNWOUND_M), 0.0, 1.0)
+
+
 def _swings(halves: Array) -> Array:
     """Place (n,) after some half swings, from 1: each about a middle that friction shifts to where it came from."""
     last = int(np.ceil((1.0 / STICKS - 1.0) / 2.0))  # the half swing that would begin where friction holds
@@ -265,9 +294,10 @@ EFFECTS = (
             "dragged_chain",
             "turn_of_other",
             "loaded_bridge",
+            "shared_rope",
         ),
-        final="loaded_bridge",
-        reveals="the other drive's coordinate or motion, by variant payload, SMRs on the sliders",
+        final="shared_rope",
+        reveals="the other drive's coordinate or motion, by variant payload, direction, SMRs on the sliders",
         make=AxisCoupling,
     ),
     EffectSpec(
@@ -286,8 +316,9 @@ EFFECTS = (
             "restarted",
             "steered_clock",
             "beating_cycles",
+            "adaptive_filter",
         ),
-        final="beating_cycles",
+        final="adaptive_filter",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),
@@ -309,8 +340,9 @@ EFFECTS = (
             "integrator_reset",
             "swinging_load",
             "half_order",
+            "wound_up",
         ),
-        final="half_order",
+        final="wound_up",
         reveals="varied dwell and speed, by variant payload or earlier motions, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

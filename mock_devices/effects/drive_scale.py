@@ -22,6 +22,7 @@ SLIP_K = 0.4
 CREEP_WAY_M = 100.0
 STEPS_M_PER_S, STEPS = 0.3, 40.0  # above which a stepping motor loses steps; motions to the size
 READER_S, DUTY_M_PER_S = 900.0, 0.02  # of a reading head's holder: time constant; mean speed for the size
+SLIPS_M_PER_S, SLIPS = 0.2, 15.0  # a stop from this speed slips no coupling; sum of excesses for the size
 DAMP_S = (1500.0, 5000.0)  # of a scale that takes up moisture: slowest time constant
 RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
@@ -51,6 +52,9 @@ class DriveScale(StatefulEffect):
     `damp_scale`: a scale on a body of resin lies in damp air from the onset on and takes up moisture by diffusion, at
     first with the root of time: J. Crank, "The Mathematics of Diffusion" (1956). The size is that at the end of the
     travel in the end.
+    `slipping_coupling`: from the onset on every hard stop slips the coupling between drive and encoder a little, in the
+    sense of its motion, by what the kinetic energy exceeds that which friction holds: F. P. Bowden, D. Tabor, "The
+    Friction and Lubrication of Solids" (1950). The size is that of three stops from 0.5 m/s on one side.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -64,15 +68,23 @@ class DriveScale(StatefulEffect):
         self.sign = float(self.offsets[1])
         self.damp_s = float(self.rng.uniform(*DAMP_S))
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
+        onset_s = self.site.start_s + self.values["onset_s"]
+        self._slid = LegMemory(
+            lambda way, speed, start_s: (
+                np.sign(way) * np.maximum((speed / SLIPS_M_PER_S) ** 2 - 1.0, 0.0) / SLIPS * (start_s >= onset_s)
+            )
+        )
         self._lost = LegMemory(lambda way, speed, _: ((way > 0.0) & (speed > STEPS_M_PER_S)).astype(np.float64))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let fast upward motions lose steps, or all motions warm the reading head."""
+        """Let fast upward motions lose steps, all motions warm the reading head, or hard stops slip the coupling."""
         super().record_leg(drive, leg)
         if self.variant == "lost_steps" and drive == self.place:
             self._lost.record(leg)
         elif self.variant == "warm_reader" and drive == self.place:
             self._warmed.record(leg)
+        elif self.variant == "slipping_coupling" and drive == self.place:
+            self._slid.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -94,6 +106,8 @@ class DriveScale(StatefulEffect):
             y = -self._lost.at(state, a)[:, 0] / STEPS
         elif self.variant == "warm_reader":
             y = self.sign * self._warmed.at(state, a)[:, 0]
+        elif self.variant == "slipping_coupling":
+            y = self._slid.at(state, a)[:, 0]
         elif self.variant == "relaxing_tape":
             strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
             y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
@@ -136,9 +150,10 @@ EFFECTS = (
             "relaxing_tape",
             "warm_reader",
             "damp_scale",
+            "slipping_coupling",
         ),
-        final="damp_scale",
-        reveals="time or motions made, drive coordinate, SMRs on the sliders",
+        final="slipping_coupling",
+        reveals="time or motions made, by variant their speed and direction, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),
     ),

@@ -29,6 +29,8 @@ COPIES_M, THREADS = (0.2, 0.45), 0.4  # travel of a turn of a grinder's wheel; i
 RIPPLES = 6  # of a motor's torque in one turn of the screw
 PIECE_M = 0.2  # of a rack
 HELD_M = 0.25  # from one holder of a tape to the next
+FIELDS_M = (0.09, 0.16)  # of a grating that was written in fields
+TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
 
 
@@ -49,6 +51,9 @@ class CumulativeError(Effect):
     own sag, most of that near the holders: the correction for sag of G. L. Hosmer, "Geodesy" (1919), of a parabola.
     `copied_gear`: wheels that drove the grinder's own screw were not true, and their turns are copied into this one:
     masters and copies in C. Evans, "Precision Engineering: An Evolutionary View" (1989).
+    `stitched_fields`: a scale's grating was written field by field, every field at its place but too long by the same,
+    so that the error is a saw: A. Teimel, "Technology and Applications of Grating Interferometers in High-Precision
+    Measurement" (1992).
     """
 
     def setup(self) -> None:
@@ -76,6 +81,8 @@ class CumulativeError(Effect):
         self.phases = self.rng.uniform(0.0, 2.0 * np.pi, 2)
         copied = self._copied(fine)
         self.copied_level = np.polyfit(fine, copied, 1)
+        self.field_m = float(self.rng.uniform(*FIELDS_M))
+        self.field_at_m = float(self.rng.uniform(0.0, self.field_m))
         self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
@@ -121,6 +128,8 @@ class CumulativeError(Effect):
         elif self.variant == "copied_gear":
             q = state.q_m[:, self.place]
             y = (self._copied(q) - np.polyval(self.copied_level, q)) / self.copied_most
+        elif self.variant == "stitched_fields":
+            y = 2.0 * ((state.q_m[:, self.place] - self.field_at_m) / self.field_m % 1.0) - 1.0
         elif self.variant == "two_pieces":  # two scales butted together
             y = 2.0 * np.abs(x - self.kink) - 1.0
         else:
@@ -147,6 +156,9 @@ class PeriodicError(Effect):
     `torque_ripple`: the motor's torque ripples RIPPLES times a turn, in proportion to its current, which bears the
     weight and has friction to overcome on its way up: T. M. Jahns, W. L. Soong, "Pulsating Torque Minimization
     Techniques for Permanent Magnet AC Motor Drives: A Review" (1996). The size is that upwards without payload.
+    `twisted_phase`: the payload twists the screw between its nut and the encoder at its upper end, the more of it there
+    is in between, so that the whole error comes later in the turn: torsion in J. P. Den Hartog, "Advanced Strength of
+    Materials" (1952).
     """
 
     def setup(self) -> None:
@@ -180,6 +192,9 @@ class PeriodicError(Effect):
             own_kg = self.site.machine.moving_mass_kg
             weight = (own_kg + state.payload_kg) / own_kg
             y = (0.6 * weight + 0.4 * state.direction[:, self.place]) * np.sin(RIPPLES * turn)
+        elif self.variant == "twisted_phase":
+            low, high = self.site.machine.sliders[self.place].travel_m
+            y = np.sin(turn - TWISTS_RAD * state.payload_kg / FULL_PAYLOAD_KG * (high - q) / (high - low))
         elif self.variant == "thrust_faces":
             whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
             lifts = self._faces_apart(whole)
@@ -221,8 +236,9 @@ EFFECTS = (
             "rack_pieces",
             "sagging_tape",
             "copied_gear",
+            "stitched_fields",
         ),
-        final="copied_gear",
+        final="stitched_fields",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -244,8 +260,9 @@ EFFECTS = (
             "other_flank",
             "thrust_faces",
             "torque_ripple",
+            "twisted_phase",
         ),
-        final="torque_ripple",
+        final="twisted_phase",
         reveals="many drive positions off a grid, by variant direction and payload, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),

@@ -67,6 +67,30 @@ class Fanned:
         return np.asarray(1.0 + (arrived - 1.0) * np.exp(-rested_s / self._tau_s))
 
 
+class HeldWarm:
+    """Nears one with a time constant while its drive rests, and zero `faster` times as fast while that moves; zero at
+    first."""
+
+    def __init__(self, faster: float, tau_s: float) -> None:
+        self._faster, self._tau_s = faster, tau_s
+        self._before = [0.0]
+
+    def record(self, leg: Leg) -> None:
+        """A leg and the rest after it have ended."""
+        ends = (np.array([x]) for x in (leg.start_s, leg.end_s, leg.until_s))
+        self._before.append(float(self._after(np.array([self._before[-1]]), *ends)[0]))
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """Its warmth at the moments of a state (n,)."""
+        before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
+        return self._after(before, state.leg_start_s[:, drive], state.leg_end_s[:, drive], state.t_s)
+
+    def _after(self, before: Array, start_s: Array, end_s: Array, t_s: Array) -> Array:
+        moved_s, rested_s = np.minimum(end_s, t_s) - start_s, np.maximum(t_s - end_s, 0.0)
+        arrived = before * np.exp(-self._faster * moved_s / self._tau_s)
+        return np.asarray(1.0 + (arrived - 1.0) * np.exp(-rested_s / self._tau_s))
+
+
 class Stirred:
     """What every metre of a drive's way mixes, down by e in `mixes_m`, and what forms anew with a time constant; one
     at first. A leg mixes at its middle."""

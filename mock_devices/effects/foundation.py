@@ -6,6 +6,7 @@ import numpy as np
 from scipy.special import exp1
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
+from mock_devices.effects.followers import PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.warming import AIR, lag_behind
 
@@ -16,6 +17,7 @@ TOP, CURLS_K = 0.1, 1.0  # time constant of a slab's top over that of its bottom
 PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
 WELL = 8.0  # tau_s over the time in which a well is felt at the foot
 LOADINGS, HARDENS = 4.0, 0.4  # exchanges of payload after which the size is reached; exponent of their number
+FOLLOWS = 0.05  # time constant in which wet soil follows its load, over tau_s
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
@@ -42,6 +44,10 @@ class FoundationSettling(Effect):
     `repeated_loads`: every exchange of the payload loads the soil anew and leaves a little less than the one before, by
     a power of their number: C. L. Monismith, N. Ogawa, C. R. Freeme, "Permanent Deformation Characteristics of Subgrade
     Soils Due to Repeated Loading" (1975). The size is reached after LOADINGS.
+    `follows_weight`: from the onset on water softens the soil, which follows what stands on it: it sinks while the
+    carriage is low, so that the platform is near and its weight on this foot, and water comes back into it while the
+    carriage is high: M. A. Biot, "General Theory of Three-Dimensional Consolidation" (1941). The size is that of a
+    carriage that stays at its lower end.
     """
 
     def setup(self) -> None:
@@ -49,6 +55,8 @@ class FoundationSettling(Effect):
         self.steps = np.sort(self.rng.uniform(0.0, 4.0, 5))
         self.shares = self.rng.dirichlet(np.full(5, 2.0))
         self.pumps_s = float(self.rng.uniform(*PUMPS)) * self.values["tau_s"]
+        low, high = self.site.machine.sliders[self.place].travel_m
+        self._pressed = PlaceMemory(lambda q_m: (high - q_m) / (high - low), FOLLOWS * self.values["tau_s"])
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -56,9 +64,18 @@ class FoundationSettling(Effect):
         ]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let every motion shake the sand."""
+        """Let every motion shake the sand, or the soil be pressed where its carriage stands."""
+        if self.variant == "follows_weight" and drive == self.place:
+            self._pressed.record(leg)
         if self.variant == "shaken_sand":
             self._shaken[drive].record(leg)
+
+    def _by_load(self, state: MotionState, after_s: Array) -> Array:
+        """How far the foot has sunk (n,) by what has stood on it, over the size."""
+        if self.variant == "repeated_loads":
+            return np.asarray((state.exchanges / LOADINGS) ** HARDENS)
+        softened = 1.0 - np.exp(-after_s / self.values["tau_s"])
+        return np.asarray(softened * self._pressed.at(state, self.place))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lower and lean the column."""
@@ -84,8 +101,8 @@ class FoundationSettling(Effect):
             share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
         elif self.variant == "pumped_well":
             share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
-        elif self.variant == "repeated_loads":
-            share = (state.exchanges / LOADINGS) ** HARDENS
+        elif self.variant in ("repeated_loads", "follows_weight"):
+            share = self._by_load(state, after)
         elif self.variant == "curling_slab":
             begins_s = self.site.start_s + self.values["onset_s"]
             top, bottom = (lag_behind(state, AIR, begins_s, part_s) for part_s in (TOP * tau, tau))
@@ -127,10 +144,11 @@ EFFECTS = (
             "pumped_well",
             "curling_slab",
             "repeated_loads",
+            "follows_weight",
         ),
-        final="repeated_loads",
-        reveals="time, motions or exchanges of payload made, a temperature swing, SMRs on the sliders against the "
-        "floor nests",
+        final="follows_weight",
+        reveals="time, motions or exchanges of payload made, by variant former places, a temperature swing, SMRs on "
+        "the sliders against the floor nests",
         make=FoundationSettling,
         others=(
             EffectParameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),

@@ -30,7 +30,11 @@ CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diam
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
 SPANS_M, SAG = (0.26, 0.4), 0.6  # from support to support; sag without payload midway between two, over the size
 ROLLERS_M, UNLIKE = (0.025, 0.045), (0.03, 0.1)  # of a carriage: diameter of its rollers; by how much they differ
+BY_RAIL = ("bolt_dips", "moving_load", "two_blocks_one_dent", "unloaded_block", "unround_rollers")
 OVAL = 0.4  # error of a roller twice a turn, over that once a turn
+DENT_M, DENTS = 0.035, 1.4  # of a dent in a rail: half width; depth under one block, over the size
+UNLOADS_KG, TIPS, LEANS = (60.0, 180.0), 3.0, 1.0  # payload that unloads a block; what then adds to waves and lean
+HELD = 0.4  # waves of a carriage whose blocks are both pressed, over the size
 PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more with a full payload
 
 
@@ -66,6 +70,11 @@ class _Guide(Effect):
     `unround_rollers`: a carriage runs on two rollers that are neither round nor quite equal, and the difference of
     their errors turns it, less or more as they come in step and out of it: rolling and roundness in W. R. Moore,
     "Foundations of Mechanical Accuracy" (1970).
+    `two_blocks_one_dent`: the rail has one dent, and the carriage sinks there twice, as one of its runner blocks passes
+    it and then the other: straightness of carriages on rails in G. Schlesinger, "Testing Machine Tools" (1932).
+    `unloaded_block`: above a certain payload a runner block has lost its preload, and the carriage tips over the others
+    and follows the waves of the rail further, in proportion to what is beyond: preload of guides in M. Weck, C.
+    Brecher, "Werkzeugmaschinen 2" (2006).
     """
 
     slope = False
@@ -96,6 +105,7 @@ class _Guide(Effect):
         self.bolts = BoltedRail(middle - half, middle + half, self.rng)
         self.span_m = float(self.rng.uniform(*SPANS_M))
         diameter_m = float(self.rng.uniform(*ROLLERS_M))
+        self.unloads_kg = float(self.rng.uniform(*UNLOADS_KG))
         self.turns_m = np.pi * diameter_m * np.array([1.0, 1.0 + float(self.rng.uniform(*UNLIKE))])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -137,9 +147,17 @@ class _Guide(Effect):
         return np.asarray(GIB_LEFT + (1.0 - GIB_LEFT) * worn)
 
     def _by_rail(self, q_m: Array, payload_kg: Array) -> Array:
-        """What bolts, supports or rollers make of the line or the angle (n,)."""
+        """What bolts, supports, dents, blocks or rollers make of the line or the angle (n,)."""
         if self.variant == "bolt_dips":
             return 0.7 * self.bolts.line(q_m)
+        if self.variant == "two_blocks_one_dent":
+            middle, half = self.site.drive_range_m(self.place)
+            from_dent = q_m[:, None] - middle - self.joint * half + 0.5 * BLOCKS_M * np.array([-1.0, 1.0])
+            return np.asarray(-DENTS * np.exp(-((from_dent / DENT_M) ** 2)).sum(axis=1))
+        if self.variant == "unloaded_block":
+            beyond = np.maximum(payload_kg - self.unloads_kg, 0.0) / FULL_PAYLOAD_KG
+            wave = np.sin(2.0 * np.pi * q_m / self.values["wavelength_m"] + self.phase)
+            return np.asarray((HELD + TIPS * beyond) * wave + LEANS * beyond)
         return self._carried(q_m, payload_kg) if self.variant == "moving_load" else self._rolled(q_m)
 
     def _carried(self, q_m: Array, payload_kg: Array) -> Array:
@@ -180,7 +198,7 @@ class _Guide(Effect):
         elif self.variant == "ball_passage":
             ball = 2.0 * np.pi * (q / self.balls_m + BALLS_BACK * (state.direction[:, self.place] < 0.0)) + self.phase
             y = np.sin(ball) + 0.35 * np.sin(2.0 * ball)
-        elif self.variant in ("bolt_dips", "moving_load", "unround_rollers"):
+        elif self.variant in BY_RAIL:
             y = self._by_rail(q, state.payload_kg)
         elif self.variant == "rail_joint":  # two rails meet
             y = np.tanh((x - self.joint) / 0.04)
@@ -226,8 +244,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
-        variants=(*_VARIANTS, "creeping_cage", "bolt_dips", "moving_load"),
-        final="moving_load",
+        variants=(*_VARIANTS, "creeping_cage", "bolt_dips", "moving_load", "two_blocks_one_dent"),
+        final="two_blocks_one_dent",
         reveals="drive coordinate, by variant direction, payload or distance moved, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
@@ -237,8 +255,8 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
-        variants=(*_VARIANTS, "ball_passage", "off_centre_drive", "unround_rollers"),
-        final="unround_rollers",
+        variants=(*_VARIANTS, "ball_passage", "off_centre_drive", "unround_rollers", "unloaded_block"),
+        final="unloaded_block",
         reveals="drive coordinate, by variant direction and payload, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,

@@ -22,7 +22,7 @@ OF_PLANE = ("sloshing", "hanging_chain", "guide_pressed")
 OF_SLIDERS = (  # what a guide, a linear motor or a carriage does
     "guide_straightness", "guide_angular", "joint_spacing",
     "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "guide_wear",
-    "bedding_in", "chain_on_carriage",
+    "bedding_in", "chain_on_carriage", "dragged_seat",
 )  # fmt: skip
 TURNING = ("guide_angular", "loose_bolt", "chain_on_carriage")  # of a carriage about the middle of its joints
 OUTSIDE = (
@@ -32,6 +32,7 @@ OUTSIDE = (
     "leaning_block", "brake_drop", "bedding_in", "dark_tracks", "creeping_thread", "clipped_beam",
     "reference_range", "circle_eccentricity", "tilted_axis",
     "bearing_wobble", "stiff_hose", "floating_ball", "chain_on_carriage",
+    "cyclic_range", "dragged_seat", "toothed_brake",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -47,8 +48,8 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "guide_angular": ALL,
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
-    "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches"),
-    "link_stiffness": ("softer", "softens_with_load", "loosening", "creeping_bond", "warm_adhesive"),
+    "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches", "martensite"),
+    "link_stiffness": ("softer", "softens_with_load", "loosening", "creeping_bond", "warm_adhesive", "seated_taper"),
     "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,
     "link_self_weight": ALL,

@@ -32,6 +32,8 @@ SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
 NEST_PART = "platform"
 NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
 FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
+TRACKS_M_PER_S, COOLS_S = 0.04, 900.0  # of a station that follows motions: mean of their speeds for the size; cooling
+STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop for the size; period; time constant
 THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
@@ -69,6 +71,9 @@ class StationDrift(Effect):
     Influences" (2010).
     `thermostat`: a fan in its base is switched between two temperatures, which it nears and leaves exponentially, over
     and over: B. van der Pol, "On Relaxation-Oscillations" (1926). The size is the whole swing.
+    `tracking_heat`: its motors turn it after the machine's motions and warm its base, which cools while the machine
+    rests: internal sources of heat in J. B. Bryan, "International Status of Thermal Error Research" (1990). The size is
+    reached where both drives together move at a mean of TRACKS_M_PER_S.
     """
 
     def setup(self) -> None:
@@ -85,6 +90,10 @@ class StationDrift(Effect):
             self.passed_s = np.cumsum(self.rng.exponential(PASSERS_S, PASSERS))
             self.pushes = self.rng.standard_normal((PASSERS, 6)) * math.sqrt(2.0 * PASSERS_S / FORGETS_S)
         self._shaken = [LegMemory(lambda way, speed, _: speed**2 * (way != 0.0)) for _ in self.site.machine.sliders]
+        self._tracked = [
+            LegMemory(lambda way, _speed, _: np.abs(way) / (TRACKS_M_PER_S * COOLS_S), COOLS_S)
+            for _ in self.site.machine.sliders
+        ]
         own = self.rng.spawn(1)[0]  # a walk goes on drawing from the other one
         self.cycle_s = float(own.uniform(*FANS_S))
         self.runs = float(own.uniform(*RUNS))
@@ -100,7 +109,9 @@ class StationDrift(Effect):
         )
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let every motion shake the stand."""
+        """Let every motion shake the stand, or warm what follows it."""
+        if self.variant == "tracking_heat":
+            self._tracked[drive].record(leg)
         if self.variant == "shaken_stand":
             self._shaken[drive].record(leg)
 
@@ -119,6 +130,9 @@ class StationDrift(Effect):
         elif self.variant == "shaken_stand":
             shaken = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._shaken))
             y = np.outer(shaken / SHAKEN_M2_PER_S2, self.weights)
+        elif self.variant == "tracking_heat":
+            heat = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._tracked))
+            y = np.outer(heat, self.weights)
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
         elif self.variant == "thermostat":
@@ -153,6 +167,9 @@ class Reseat(Effect):
     is that of NEST_K.
     `thrown_ball`: put back into a seat with play, the ball is thrown to one side or the other of it by every hard stop
     of the first drive, and slow ones leave it: W. Goldsmith, "Impact" (1960). The size is the play.
+    `ringing_stem`: put back on a stem that stands in rubber, it swings on after every stop of a drive, in the sense of
+    that motion, and calms down: free damped vibration in J. P. Den Hartog, "Mechanical Vibrations" (1934). The size is
+    the swing after a stop of one drive from STEM_M_PER_S.
     """
 
     def setup(self) -> None:
@@ -174,6 +191,8 @@ class Reseat(Effect):
             )
             for _ in self.site.machine.sliders
         ]
+        self.stem_s = float(self.rng.uniform(*STEM_S))
+        self.calms_s = float(self.rng.uniform(*CALMS_S))
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -184,6 +203,12 @@ class Reseat(Effect):
             self._stops[drive].record(leg)
         elif self.variant == "thrown_ball" and drive == 0:
             self._thrown.record(leg)
+
+    def _swung(self, state: MotionState) -> Array:
+        """Where a stem is (n,), by the last stop of every drive; one under way has not stopped yet."""
+        swing = state.direction * state.speed_m_per_s / STEM_M_PER_S * (state.t_s[:, None] >= state.leg_end_s)
+        turn = 2.0 * np.pi * state.since_s / self.stem_s
+        return np.asarray((swing * np.exp(-state.since_s / self.calms_s) * np.cos(turn)).sum(axis=1))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
@@ -218,6 +243,8 @@ class Reseat(Effect):
             y = np.outer(grown_k / NEST_K, self.shifts[0])
         elif self.variant == "thrown_ball":
             y = np.outer(0.5 * self._thrown.at(state, 0), self.shifts[0])
+        elif self.variant == "ringing_stem":
+            y = np.outer(after * self._swung(state), self.shifts[0])
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -245,8 +272,9 @@ EFFECTS = (
             "shaken_stand",
             "settling_legs",
             "thermostat",
+            "tracking_heat",
         ),
-        final="thermostat",
+        final="tracking_heat",
         reveals="time or motions made, floor nests",
         make=StationDrift,
     ),
@@ -271,9 +299,11 @@ EFFECTS = (
             "filling_box",
             "cold_walls",
             "stirred",
+            "sun_patch",
         ),
-        final="stirred",
-        reveals="angles, or ranges, against height and distance, by variant motions made, all SMRs and nests alike",
+        final="sun_patch",
+        reveals="angles, or ranges, against height and distance, by variant time, motions made, all SMRs and nests "
+        "alike",
         make=Refraction,
     ),
     EffectSpec(
@@ -293,9 +323,10 @@ EFFECTS = (
             "sliding_holder",
             "warm_nest",
             "thrown_ball",
+            "ringing_stem",
         ),
-        final="thrown_ball",
-        reveals="time, or distance, speed and direction moved, a temperature swing, one SMR against the others",
+        final="ringing_stem",
+        reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),

@@ -6,7 +6,8 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, MotionState
+from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
+from mock_devices.effects.leg_memory import LegMemory, ways_m
 
 OFFSETS, GAIN, QUADRATURE_RAD = (0.25, -0.15), 1.3, 0.2
 SECOND, THIRD = 0.2, 0.1  # harmonics of an encoder's signals
@@ -14,6 +15,7 @@ HELD = 0.12  # share of a step by which a counter switches late, in either direc
 BITS, FILLS = 4, (0.75, 1.0)  # of a converter; share of its range that the signals fill
 IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
 SET_K, SIGNALS_K = (1.5, 4.0), 1.5  # how far from the reference signals were corrected; kelvin that give the size
+DROP_M, SMEARS_M, WETTED = 0.12, 15.0, 2.0  # of a drop: half width at first; way that smears it; error at first
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 
@@ -39,6 +41,9 @@ class Interpolation(Effect):
     changed since then goes with the temperature: N. Hagiwara, Y. Suzuki, H. Murase, "A Method of Improving the
     Resolution and Accuracy of Rotary Encoders Using a Code Compensation Technique" (1992). The size is that of
     SIGNALS_K.
+    `smeared_drop`: a drop of oil lies on the scale, and the head smears it with every metre of its way, wider with the
+    root of the way and as much thinner; where it is thick it takes light from one signal: dragged films in L. Landau,
+    B. Levich, "Dragging of a Liquid by a Moving Plate" (1942).
     """
 
     def setup(self) -> None:
@@ -48,7 +53,16 @@ class Interpolation(Effect):
         self.gap = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.levels = (2**BITS - 1) / 2.0 * float(self.rng.uniform(*FILLS))  # of the signals' amplitude
         self.rms = float(np.std(self._in_steps(np.linspace(0.0, 2.0 * np.pi, 3600, endpoint=False))))
+        self._ways = LegMemory(ways_m)
         self.set_k = float(self.rng.uniform(*SET_K)) * float(self.rng.choice([-1.0, 1.0]))
+
+        middle, half = self.site.drive_range_m(self.place)
+        self.drop_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the head smear the drop."""
+        if self.variant == "smeared_drop" and drive == self.place:
+            self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider: the count is wrong, not the slider, but the drive goes by its count."""
@@ -74,6 +88,9 @@ class Interpolation(Effect):
             machine = self.site.machine
             above_k = state.parts_c[machine.expansion["drives"].sensor] - machine.reference_temperature_c
             y = (above_k - self.set_k) / SIGNALS_K * (np.sin(phase) + 0.5 * np.sin(2.0 * phase + 1.0))
+        elif self.variant == "smeared_drop":
+            wider = np.sqrt(1.0 + self._ways.at(state, self.place)[:, 0] / SMEARS_M)
+            y = WETTED / wider * np.exp(-(((q - self.drop_m) / (DROP_M * wider)) ** 2)) * np.sin(phase)
         elif self.variant == "harmonics":
             y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
@@ -120,9 +137,10 @@ EFFECTS = (
             "self_images",
             "few_bits",
             "warm_signals",
+            "smeared_drop",
         ),
-        final="warm_signals",
-        reveals="many drive positions off a grid, by variant temperature, SMRs on the sliders",
+        final="smeared_drop",
+        reveals="many drive positions off a grid, by variant temperature or distance moved, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
     ),

@@ -21,6 +21,7 @@ UNWORN, WORN_RAD = 0.2, 0.15  # play of a worn hole far from where it is worn, o
 OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
 SEATS_KG = 300.0  # payload whose weight seats a pin against its friction
 NEW, WEARS_M = 0.1, 80.0  # play of a new joint over the size; way of its drive after which it has the size
+SHRINKS_PER_K = 0.4  # of a bush's play
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -46,6 +47,9 @@ class JointClearance(Effect):
     `wearing_pin`: pin and hole were close, and every swing wears them, so that the play grows with the way of the
     strut's drive: P. Flores, "Modeling and Simulation of Wear in Revolute Clearance Joints in Multibody Systems"
     (2009). The size is reached after WEARS_M.
+    `shrinking_bush`: a bush of plastic, held outside by metal, can grow inwards only, so that its play closes as the
+    strut grows warmer and is gone for good above some temperature: plastics in J. A. Williams, "Engineering Tribology"
+    (1994). The size is the play at the reference temperature.
     """
 
     def setup(self) -> None:
@@ -102,6 +106,10 @@ class JointClearance(Effect):
             return np.asarray(UNWORN + (1.0 - UNWORN) * worn)
         if self.variant == "wearing_pin":
             return NEW + (1.0 - NEW) * self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / WEARS_M
+        if self.variant == "shrinking_bush":
+            machine = self.site.machine
+            above_k = state.parts_c[machine.expansion["struts"].sensor] - machine.reference_temperature_c
+            return np.maximum(1.0 - SHRINKS_PER_K * above_k, 0.0)
         if self.variant == "load_dependent":
             return np.asarray(np.exp(-state.payload_kg / FULL_PAYLOAD_KG))
         return 1.0

@@ -7,123 +7,134 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, EffectParameter, MotionState, StationSight
+from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StationSight
+from mock_devices.effects.followers import Dragged
 from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
+from mock_devices.effects.strut_ways import platform_place
 
-BALLS, ORBIT = (12, 20), 0.42  # of a bearing; turns of its cage in one turn of the axis
-HOSE_AT, STIFFER_K = 0.1 + 0.2j, 6.0  # point of the platform; by how much colder a hose is stiffer by e
-FILM, THINS_S = 0.7, (6.0, 20.0)  # exponent of the speed; time in which a film is pressed out to 1 / sqrt(2)
-HANGS, DRAGS = 0.6, 0.4  # share of a chain's moment that goes with its height, and that of its friction
+UNIT_M = (0.03, 0.12)  # range in which the phase of a stray reflex turns once
+POST_AT, TOUCHES = 0.12 - 0.1j, 0.5  # point of the platform; height at which it touches, over that of the workspace
+SEAT_M = 0.1  # half of the play within which a seat is dragged
+TEETH_M = 0.006  # of a brake
+FALLS_S, DRAWS_S = 3.0, 4.0  # rest until a brake falls in; in which it then draws the slider to its tooth
 
 
-class BearingWobble(OutsideEffect):
-    """Balls of unequal size under the station's standing axis tilt it, whichever of them come by.
+class CyclicRange(OutsideEffect):
+    """A stray reflex inside the station mixes with the beam, and ranges err periodically with the range.
 
-    The balls go round more slowly than the axis turns, so that the tilt repeats by their number times the turns of
-    their cage and not with the circle: T. A. Harris, "Rolling Bearing Analysis" (1966).
+    The cyclic error of instruments that go by a phase: J. M. Rüeger, "Electronic Distance Measurement" (1990).
     """
 
     def setup(self) -> None:
-        """How often the axis is tilted in a turn."""
+        """How long the period is."""
         super().setup()
-        self.waves = ORBIT * float(self.rng.integers(BALLS[0], BALLS[1] + 1))
+        self.unit_m = float(self.rng.uniform(*UNIT_M))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Tilt the axis towards what is aimed at, and to its side a quarter of a wave later."""
-        ball = self.waves * sight.hz_rad + self.phase
-        towards, aside = (
-            self.size * apply_variant(y, self.variant, state.payload_kg[:, None]) for y in (np.cos(ball), np.sin(ball))
-        )
-        sight.hz_rad += aside / np.tan(sight.v_rad)
-        sight.v_rad += towards
+        """Read ranges wrongly."""
+        y = np.sin(2.0 * np.pi * sight.distance_m / self.unit_m + self.phase)
+        sight.distance_m += self.size * apply_variant(y, self.variant, state.payload_kg[:, None])
 
 
-class StiffHose(OutsideEffect):
-    """A hose of plastic that is tied to frame and platform draws the platform back to the middle, more when it is cold.
+class TouchingPost(OutsideEffect):
+    """Where it is low the platform touches a post of rubber that somebody left there, which pushes it up.
 
-    Stiffness of polymers against temperature: H. Leaderman, "Elastic and Creep Properties of Filamentous Materials and
-    Other High Polymers" (1943). The size is its force at the edge, at the machine's reference temperature.
-    """
-
-    def _unit(self, state: MotionState) -> Array:
-        colder_k = self.site.machine.reference_temperature_c - state.thermal.air_series_c(state.t_s)
-        return -self.platform_x(state) * np.exp(colder_k / STIFFER_K)
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Pull sideways at the platform's upper edge."""
-        deviation.loads.append((np.full(len(state), HOSE_AT), self.signal(state).astype(np.complex128)))
-
-
-class FloatingBall(OutsideEffect):
-    """A strut's joint floats up on its grease while it swings, and its load presses the grease out again at rest.
-
-    The film grows with the power 0.7 of the speed: D. Dowson, G. R. Higginson, "Elasto-Hydrodynamic Lubrication"
-    (1966). At rest it thins with one over the root of time.
+    A body that touches another only from a certain place on, and is never held back by it: A. Signorini, "Sopra alcune
+    questioni di elastostatica" (1933). The size is the force at the lower edge of the workspace.
     """
 
     def setup(self) -> None:
-        """How fast the film is pressed out."""
+        """Heights of the platform's origin at which it touches, and at the lower edge of the workspace."""
         super().setup()
-        self.thins_s = float(self.rng.uniform(*THINS_S))
+        machine = self.site.machine
+        low, high = (y - machine.tool_point.imag for y in machine.workspace_m[1])
+        self.lowest_m, self.touches_m = low, low + TOUCHES * (high - low)
+
+    def _unit(self, state: MotionState) -> Array:
+        below_m = self.touches_m - platform_place(self.site.machine, state.q_m).imag
+        return np.maximum(below_m, 0.0) / (self.touches_m - self.lowest_m)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Push up beside the platform's middle, which also turns it."""
+        deviation.loads.append((np.full(len(state), POST_AT), np.asarray(1j * self.signal(state))))
+
+
+class DraggedSeat(OutsideEffect):
+    """A strut's seat sticks to its cable and lags behind its slider: that drags it along once its play is used up.
+
+    The play of A. Visintin, "Differential Models of Hysteresis" (1994), over a decimetre: the seat gives way in
+    proportion to how far the slider has come from where the seat would like to be. The slider itself stands right.
+    """
+
+    def setup(self) -> None:
+        """Where the seat would like to be."""
+        super().setup()
+        drive = self.site.machine.struts[self.place].drive
+        self._seat = Dragged(SEAT_M, self.site.drive_range_m(drive)[0])
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let its slider drag the seat along."""
+        if drive == self.site.machine.struts[self.place].drive:
+            self._seat.record(leg)
 
     def _unit(self, state: MotionState) -> Array:
         drive = self.site.machine.struts[self.place].drive
-        film = (np.maximum(state.speed_m_per_s[:, drive], 0.0) / 0.5) ** FILM
-        return np.asarray(film / np.sqrt(1.0 + state.since_s[:, drive] / self.thins_s))
+        return np.asarray((self._seat.at(state, drive) - state.q_m[:, drive]) / SEAT_M)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lengthen the strut."""
-        deviation.length_m[:, self.place] += self.signal(state)
+        """Move the joint on its slider, along the axis."""
+        axis = self.site.machine.sliders[self.site.machine.struts[self.place].drive].axis
+        deviation.base_joint_m[:, self.place] += axis * self.signal(state)
 
 
-class ChainOnCarriage(OutsideEffect):
-    """A chain of cables hangs beside its carriage: it turns that by what it has lifted of it, and by the chain's drag.
+class ToothedBrake(OutsideEffect):
+    """At rest a toothed brake falls in and draws the slider towards the next tooth, up or down.
 
-    Cables among the disturbances of drives in Y. Altintas, A. Verl, C. Brecher, L. Uriarte, G. Pritschow, "Machine Tool
-    Feed Drives" (2011). What hangs grows with the square of the height, as the chain's bend goes up half as far.
+    Ratchets and locking teeth in F. Reuleaux, "The Constructor" (1893). The controller holds against it, so that the
+    slider goes by the size where it is farthest from a tooth, and stays at a tooth.
     """
 
     def _unit(self, state: MotionState) -> Array:
-        low, high = self.site.machine.sliders[self.place].travel_m
-        height = (state.q_m[:, self.place] - low) / (high - low)
-        return np.asarray(HANGS * height**2 + DRAGS * state.direction[:, self.place])
+        teeth = state.q_m[:, self.place] / TEETH_M + self.phase / (2.0 * np.pi)
+        drawn = np.clip((state.since_s[:, self.place] - FALLS_S) / DRAWS_S, 0.0, 1.0)
+        return np.asarray(2.0 * (np.round(teeth) - teeth) * drawn)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Turn the carriage."""
-        deviation.yaw_rad[:, self.place] += self.signal(state)
+        """Move the slider."""
+        deviation.travel_m[:, self.place] += self.signal(state)
 
 
 EFFECTS = (
     outside_effect(
-        "bearing_wobble",
+        "cyclic_range",
         "rig",
-        BearingWobble,
-        EffectParameter("tilt_rad", 1e-6, 2e-5, 1e-3, "of the standing axis, either way"),
-        "horizontal angle, in short waves, all SMRs and nests alike",
+        CyclicRange,
+        EffectParameter("error_m", 1e-6, 2e-5, 2e-3, "of ranges, either way"),
+        "ranges, in short waves of the range, all SMRs and nests alike",
         final_only=True,
     ),
     outside_effect(
-        "stiff_hose",
+        "touching_post",
         "rig",
-        StiffHose,
-        EffectParameter("force_n", 5.0, 400.0, 9000.0, "at the edge, at the reference temperature"),
-        "x, temperature of the air",
+        TouchingPost,
+        EffectParameter("force_n", 5.0, 1000.0, 3e4, "at the lower edge of the workspace"),
+        "height, nothing above a certain one; rotation",
         final_only=True,
     ),
     outside_effect(
-        "floating_ball",
+        "dragged_seat",
         "strut",
-        FloatingBall,
-        EffectParameter("film_m", 1e-6, 3e-5, 2e-3, "at 0.5 m/s"),
-        "speed, dwell",
+        DraggedSeat,
+        EffectParameter("lag_m", 1e-6, 3e-5, 1e-3, "either way"),
+        "former places of the drive, direction; not a slider's SMR",
         final_only=True,
     ),
     outside_effect(
-        "chain_on_carriage",
+        "toothed_brake",
         "drive",
-        ChainOnCarriage,
-        EffectParameter("yaw_rad", 2e-6, 6e-5, 2e-3, "at the upper end, going up"),
-        "drive coordinate, direction, platform rotation; not a slider's SMR",
+        ToothedBrake,
+        EffectParameter("draw_m", 1e-6, 3e-5, 1e-3, "midway between two teeth"),
+        "dwell together with many drive positions off a grid",
         final_only=True,
     ),
 )

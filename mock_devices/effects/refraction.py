@@ -27,6 +27,8 @@ WALLS_S, WALLS_K = (3000.0, 8000.0), 1.5  # time constant of walls; what they la
 STIRS_M, FORMS_S = 15.0, (500.0, 1500.0)  # way in which a drive mixes the air to 1 / e; in which layers form anew
 JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of the line before it, width, half height
 JET_M = (-0.25, 0.05)  # its middle above the station
+PATCH_S, PATCH_FROM_M, PATCH_HALF_M = (3500.0, 7000.0), 0.35, 0.18  # of a sunny patch: time to cross; begin; width
+PATCH_UP_M = 0.5  # height over the station's in which what rises from the patch has mixed to 1 / e
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _FINE = (0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS)
@@ -57,6 +59,9 @@ class Refraction(Effect):
     H. Parker, "Large-Scale Metrology: An Update" (2002). The gradient is that of walls which lag behind by WALLS_K.
     `stirred`: the machine's motions mix the layers of the hall, which form anew while it rests: P. F. Linden, "Mixing
     in Stratified Fluids" (1979). Each drive stirs its part. The gradient is that of layers at rest.
+    `sun_patch`: the sun warms a patch of the floor halfway to the machine, which wanders to the other side; the air
+    over it is warmer below, less so higher up, and lifts the lines that pass over it: A. B. Fraser, W. H. Mach,
+    "Mirages" (1976). The gradient is that over its middle at the height of the station.
     """
 
     def setup(self) -> None:
@@ -66,6 +71,8 @@ class Refraction(Effect):
         self.fills_s = float(self.rng.uniform(*FILLS_S))
         self.walls_s = float(self.rng.uniform(*WALLS_S))
         self.forms_s = float(self.rng.uniform(*FORMS_S))
+        self.crosses_s = float(self.rng.uniform(*PATCH_S))
+        self.wanders = float(self.rng.choice([-1.0, 1.0]))
         self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -90,6 +97,8 @@ class Refraction(Effect):
             off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
             slope = -math.sqrt(2.0 * math.e) * off * np.exp(-(off**2))
             sight.v_rad += LIGHT_PER_K * self.size * JET_WIDE_M * (1.0 - JET_SHARE) * slope * np.sin(sight.v_rad)
+        elif self.variant == "sun_patch":
+            sight.v_rad -= bend * self._over_patch(state, sight) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
             sight.v_rad += bend * (1.0 + 1.5 * height)
         elif self.variant == "warming":
@@ -104,6 +113,12 @@ class Refraction(Effect):
             sight.hz_rad -= 1.5 * bend * np.exp(-(((across - 0.6) / 0.5) ** 2)) * (1.0 + height)
         else:
             sight.v_rad += bend * np.sin(sight.v_rad)
+
+    def _over_patch(self, state: MotionState, sight: StationSight) -> Array:
+        """Gradient halfway along each line (n, smrs) over that in the middle of the patch."""
+        at_m = self.wanders * PATCH_FROM_M * (2.0 * self.elapsed_s(state)[:, None] / self.crosses_s - 1.0)
+        off = (0.5 * sight.points_m[..., 0] - at_m) / PATCH_HALF_M
+        return np.asarray(np.exp(-(off**2) - 0.5 * sight.points_m[..., 2] / PATCH_UP_M))
 
     def _index_off(self, state: MotionState) -> Array:
         """By how many kelvin for each of the gradient the index of the ranges is off (n,)."""

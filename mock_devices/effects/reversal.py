@@ -31,6 +31,9 @@ GAP_PER_K = 0.25  # of a play, by which housing and screw change it together
 VOGEL_K, VOGEL_C = 1000.0, -95.0  # of an oil for gears, at 20 degrees
 NEW, WEARS_M = 0.15, 100.0  # play of a new nut over the size; way of its drive after which it has the size
 LIPS, LIPS_DOWN = 0.35, 0.45  # friction of seals: share that no speed changes; downwards over upwards
+SHAKES_M_PER_S = 0.2  # of the other drive, from which it shakes a slider all the way through its play
+TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
+LASTS, RUNS_IN_M = 0.25, 40.0  # friction of a screw that is run in over that of a new one; way in which it falls by e
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
@@ -73,6 +76,10 @@ class Backlash(_Play):
     is that at the reference temperature.
     `wearing`: a nut that was new wears with the way that it runs under its load, and its play grows as evenly: I. V.
     Kragelsky, "Friction and Wear" (1965). The size is the play after WEARS_M.
+    `shaken_down`: friction holds the slider where its own motion has left it in its play, but the next drive, if it
+    still moves when this one stops, shakes that friction off, so that the slider slides down to the lower flank, with
+    the square of the other one's speed: J. J. Thomsen, "Using Fast Vibrations to Quench Friction-Induced Oscillations"
+    (1999).
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -124,6 +131,12 @@ class Backlash(_Play):
         self.rise_m = float(np.exp(self.rng.uniform(*np.log(RISE_M))))
         self.opens_per_k = GAP_PER_K * float(self.rng.choice([-1.0, 1.0]))
 
+    def _shaken(self, state: MotionState) -> Array:
+        """How far through its play the next drive has shaken the slider (n,), from 0 to 1."""
+        a, b = self.place, (self.place + 1) % len(self.site.machine.sliders)
+        together = (state.leg_end_s[:, b] >= state.leg_end_s[:, a] - TOGETHER_S) & (state.speed_m_per_s[:, b] > 0.0)
+        return np.where(together, 1.0, 0.0) * np.minimum((state.speed_m_per_s[:, b] / SHAKES_M_PER_S) ** 2, 1.0)
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Let the slider stay behind."""
         a = self.place
@@ -144,6 +157,8 @@ class Backlash(_Play):
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
         elif self.variant == "wearing":
             offset = offset * (NEW + (1.0 - NEW) * self._worn.at(state, a)[:, 0] / WEARS_M)
+        elif self.variant == "shaken_down":
+            offset = offset - self._shaken(state) * (offset + 0.5 * self.size)
         elif self.variant == "temperature_gap":
             offset = offset * np.maximum(1.0 + self.opens_per_k * above_reference_k(self.site, state), 0.0)
         elif self.variant == "runs_on":
@@ -184,16 +199,21 @@ class FrictionWindup(_Play):
     `seal_lips`: the lips of its seals rub on a film that grows with the root of the speed, and being cut aslant on one
     side they rub less downwards than upwards: H. K. Müller, B. S. Nau, "Fluid Sealing Technology" (1998). `friction_n`
     is that upwards at the reference speed.
+    `running_in`: a new screw runs in, and its friction falls with its way towards what lasts: P. J. Blau, "Friction and
+    Wear Transitions of Materials" (1989). `friction_n` is that of the new one.
     """
 
     def setup(self) -> None:
         """Phase of friction along the screw; structure of the grease before every leg, intact at first."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._structure = [[1.0] for _ in self.site.machine.sliders]
+        self._run = LegMemory(ways_m)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the grease remember, too."""
         super().record_leg(drive, leg)
+        if self.variant == "running_in" and drive == self.place:
+            self._run.record(leg)
         if self.variant == "thixotropic":
             left = self._structure[drive][-1] * math.exp(-abs(leg.to_m - leg.from_m) / SHEARED_M)
             self._structure[drive].append(1.0 - (1.0 - left) * math.exp(-(leg.until_s - leg.end_s) / REBUILT_S))
@@ -238,6 +258,8 @@ class FrictionWindup(_Play):
         elif self.variant == "seal_lips":
             film = np.sqrt(state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S)
             friction = friction * (LIPS + (1.0 - LIPS) * film) * np.where(friction > 0.0, 1.0, LIPS_DOWN)
+        elif self.variant == "running_in":
+            friction = friction * (LASTS + (1.0 - LASTS) * np.exp(-self._run.at(state, a)[:, 0] / RUNS_IN_M))
         elif self.variant == "guide_pressed":
             own_kg = self.site.machine.moving_mass_kg
             pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
@@ -293,10 +315,11 @@ EFFECTS = (
             "runs_on",
             "temperature_gap",
             "wearing",
+            "shaken_down",
         ),
-        final="wearing",
-        reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, temperature, earlier "
-        "motions",
+        final="shaken_down",
+        reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
+        "drive, temperature, earlier motions",
         make=Backlash,
         others=(_TAU,),
     ),
@@ -314,8 +337,9 @@ EFFECTS = (
             "guide_pressed",
             "ambient_viscosity",
             "seal_lips",
+            "running_in",
         ),
-        final="seal_lips",
+        final="running_in",
         reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, earlier motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,

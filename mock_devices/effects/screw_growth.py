@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState, StatefulEffect
+from mock_devices.effects.followers import HeldWarm
 from mock_devices.effects.leg_memory import Leaves, LegMemory
 
 DUTY_M_PER_S = 0.01
@@ -15,6 +16,7 @@ BEARING_M_PER_S = 0.5
 CELLS = 46  # of a screw
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
 LIFTS, HOIST_FIN_M = 0.01, 0.6  # share of its time for which a drive lifts to end at the size; see MOTOR_FIN_M
+HOLD_FANS, HOLD_FIN_M = 4.0, 0.8  # how much faster a moving motor cools than one at rest; see MOTOR_FIN_M
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
@@ -48,6 +50,9 @@ class ScrewGrowth(StatefulEffect):
     resistors elsewhere, and a brake holds it at rest: H. Gross, J. Hamann, G. Wiegärtner, "Electrical Feed Drives in
     Automation" (2001). The motor warms the upper end of a screw that is held below. A slow lift takes longer and so
     warms it more. The size is reached by lifting for LIFTS of the time.
+    `holding`: the current that holds the load at rest warms the motor, by its square: J. P. Joule, "On the Heat Evolved
+    by Metallic Conductors of Electricity" (1841). While the drive moves, a fan on its shaft cools it. The motor sits at
+    the screw's lower end, where that is held. The size is reached in long rest.
     """
 
     def setup(self) -> None:
@@ -61,6 +66,7 @@ class ScrewGrowth(StatefulEffect):
         fades_s = (self.values["tau_s"], NUT * self.values["tau_s"])
         self._through_nut = LegMemory(lambda way, _speed, _: per_m * np.abs(way), *fades_s)
         self._lifts = LegMemory(_lifting(LIFTS * self.values["tau_s"]), self.values["tau_s"])
+        self._held = HeldWarm(HOLD_FANS, self.values["tau_s"])
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -77,6 +83,8 @@ class ScrewGrowth(StatefulEffect):
             self._through_nut.record(leg)
         if self.variant == "lifting" and drive == self.place:
             self._lifts.record(leg)
+        if self.variant == "holding" and drive == self.place:
+            self._held.record(leg)
 
     def _warmed(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
         """Warmth (n, cells) at t_s; each pass of a cell leaves in it what it would leave in a screw run all over."""
@@ -135,6 +143,11 @@ class ScrewGrowth(StatefulEffect):
                 np.exp((state.q_m[:, a] - high) / HOIST_FIN_M) - math.exp((low - high) / HOIST_FIN_M)
             )
             deviation.travel_m[:, a] += alpha * self.size * self._lifts.at(state, a)[:, 0] * warm_m
+            return
+        if self.variant == "holding":
+            up_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
+            warm = self.size * self._held.at(state, a)
+            deviation.travel_m[:, a] += alpha * warm * HOLD_FIN_M * (1.0 - np.exp(-up_m / HOLD_FIN_M))
             return
         if self.variant == "nut_then_screw":
             way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]

@@ -28,6 +28,9 @@ SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period
 LIGHT_METAL = 4.0  # how far light metal is off from steel, over one steel from another
 FEET_K = (0.06, 0.2)  # by how much warmer a frame pushes its feet on
 FILLS_S, DRAINS_S = 150.0, 400.0  # of coolant on the platform: time constants with and without its pump
+SOAKS_S = 3600.0  # in which a block has drawn up the whole size
+TURNS_K, TURNS_BACK_K, TURNS_OVER_K = (0.05, 0.25), (0.1, 0.25), 0.1  # see `martensite`: above the begin; loop; width
+ALLOY_K = 2.0  # growth without a change of phase that is as large as the change
 CHIPS_S = 3600.0  # in which the whole size has gathered
 _GRID_S = 30.0
 
@@ -52,6 +55,9 @@ class ExpansionCoefficient(Effect):
     `jumping_feet`: friction holds the feet of the frame, which grows beyond what is stated by jumps: not until its
     growth since the campaign's begin has strained it enough does it push its feet on, all the way: M. Weck, "Handbook
     of Machine Tools", vol. 4 (1984).
+    `martensite`: the struts' alloy changes its phase and with it its length over a small range of temperatures, which
+    lies lower while it cools than while it grows warmer: L. Kaufman, M. Cohen, "Thermodynamics and Kinetics of
+    Martensitic Transformations" (1958). The change is the growth beyond what is stated by ALLOY_K.
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -62,6 +68,8 @@ class ExpansionCoefficient(Effect):
         self.across = cmath.exp(1j * angle) if self.variant == "fibres" else None
         struts = len(self.site.machine.struts)
         self.batch = np.isin(np.arange(struts), self.rng.permutation(struts)[: struts // 2]).astype(np.float64)
+        self.turns_k = float(self.rng.uniform(*TURNS_K))
+        self.turns_back_k = self.turns_k - float(self.rng.uniform(*TURNS_BACK_K))
         self.feet_k = float(self.rng.uniform(*FEET_K))
 
     def warmth_k(self, state: MotionState, part: str) -> Array:
@@ -71,10 +79,8 @@ class ExpansionCoefficient(Effect):
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Grow the frame, the screws or both, or bend the columns."""
-        if self.variant in ("nickel_steel", "late_growth"):
-            warmer_k = self.warmth_k(state, "struts")
-            grown_k = self._late_k(state) if self.variant == "late_growth" else warmer_k * (1.0 + warmer_k / NICKEL_K)
-            strain = self.size * grown_k
+        if self.variant in ("nickel_steel", "late_growth", "martensite"):
+            strain = self.size * self._struts_k(state)
             deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
             return
         if self.variant == "two_batches":
@@ -134,6 +140,15 @@ class ExpansionCoefficient(Effect):
             if smr.on == "platform":
                 deviation.smr_m[:, i] += np.outer(strain, smr.position_m)
 
+    def _struts_k(self, state: MotionState) -> Array:
+        """What all struts grow by (n,), over the size, in kelvin."""
+        if self.variant == "late_growth":
+            return self._late_k(state)
+        if self.variant == "martensite":
+            return ALLOY_K * self._turned(state)
+        warmer_k = self.warmth_k(state, "struts")
+        return warmer_k * (1.0 + warmer_k / NICKEL_K)
+
     def _late_k(self, state: MotionState) -> Array:
         """The part of the temperature's change since the beginning that the creep has followed (n,), in kelvin."""
         sensor = self.site.machine.expansion["struts"].sensor
@@ -141,12 +156,27 @@ class ExpansionCoefficient(Effect):
         sensed = state.thermal.part_series_c(sensor, ends_s)
         return lag_behind(state, sensor, self.site.start_s, LATE_S) + sensed[1:] - sensed[0]
 
+    def _since_begin_k(self, state: MotionState, part: str) -> tuple[Array, Array]:
+        """A grid of times, and by how much warmer a part then is than at the campaign's begin."""
+        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
+        sensed_c = state.thermal.part_series_c(self.site.machine.expansion[part].sensor, grid)
+        return grid, sensed_c - sensed_c[0]
+
+    def _turned(self, state: MotionState) -> Array:
+        """Share of the alloy that has turned (n,), none at the campaign's begin."""
+        grid, warmer_k = self._since_begin_k(state, "struts")
+        shares, now = np.empty_like(grid), 0.0
+        for i, k in enumerate(warmer_k.tolist()):
+            at_least, at_most = (min(max((k - x) / TURNS_OVER_K, 0.0), 1.0) for x in (self.turns_k, self.turns_back_k))
+            now = min(max(now, at_least), at_most)
+            shares[i] = now
+        return np.asarray(np.interp(state.t_s, grid, shares))
+
     def _jumped_k(self, state: MotionState) -> Array:
         """By how much warmer the frame was when its feet last jumped than at the campaign's begin (n,)."""
-        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
-        sensed_c = state.thermal.part_series_c(self.site.machine.expansion["base"].sensor, grid)
+        grid, warmer_k = self._since_begin_k(state, "base")
         jumped, held = np.empty_like(grid), 0.0
-        for i, now in enumerate((sensed_c - sensed_c[0]).tolist()):
+        for i, now in enumerate(warmer_k.tolist()):
             held = now if abs(now - held) > self.feet_k else held
             jumped[i] = held
         at = np.searchsorted(grid, state.t_s, side="right") - 1
@@ -184,6 +214,9 @@ class Payload(Effect):
     `coolant_pool`: coolant stands on the platform, with any payload or none, as high as its edge while the pump runs,
     and drains when that is switched off: outflow in H. Rouse, "Elementary Mechanics of Fluids" (1946), here with a time
     constant for either. The size is the mass up to the edge.
+    `soaking_block`: a porous block draws up the coolant that it stands in, with the root of time: E. W. Washburn, "The
+    Dynamics of Capillary Flow" (1921). It stands in it from the campaign's begin on, and the size is what it has drawn
+    up after SOAKS_S.
     """
 
     def setup(self) -> None:
@@ -218,6 +251,8 @@ class Payload(Effect):
             t = self.elapsed_s(state)
             k = np.searchsorted(self.pump_s, t, side="right") - 1
             extra_kg = self.size * _pooled(np.array(self.pool)[k], k, t - self.pump_s[k])
+        elif self.variant == "soaking_block":
+            extra_kg = self.size * mounted * np.sqrt(self.elapsed_s(state) / SOAKS_S)
         elif self.variant == "draining":
             extra_kg = self.size * mounted * np.maximum(1.0 - self.elapsed_s(state) / self.empty_s, 0.0) ** 2
         elif self.variant == "tool_left_on":
@@ -267,8 +302,9 @@ EFFECTS = (
             "two_batches",
             "platform_metal",
             "jumping_feet",
+            "martensite",
         ),
-        final="jumping_feet",
+        final="martensite",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
@@ -288,8 +324,9 @@ EFFECTS = (
             "hanging_chain",
             "gathering_chips",
             "coolant_pool",
+            "soaking_block",
         ),
-        final="coolant_pool",
+        final="soaking_block",
         reveals="payloads, torque; by variant time, dwell, height",
         make=Payload,
     ),
@@ -309,8 +346,9 @@ EFFECTS = (
             "moved_zero",
             "both_generations",
             "ramped",
+            "counted_from_above",
         ),
-        final="ramped",
+        final="counted_from_above",
         reveals="both drives' coordinates, known tables, by variant dwell, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),

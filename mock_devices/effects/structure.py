@@ -35,6 +35,7 @@ BOND, BOND_S = 0.3, (4.0, 12.0)  # of a bonded end: share of its compliance at o
 FOOT_M = -1.2
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
 SOFT_AT_K, SOFTENS_K = (-0.5, 2.0), 3.0  # where an adhesive turns soft, above the reference; half the width of that
+SEATS_M_PER_S = 0.12  # speed of a stop upwards that seats a taper but for 1 / e
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
 FULL_PAYLOAD_KG = 400.0
 _ALONG, _ACROSS, _YAW = 0, 1, 2
@@ -63,6 +64,9 @@ class ColumnCompliance(Effect):
     `warm_resin`: the resin under the rail yields faster and so further the warmer the column is, by the shift of M. L.
     Williams, R. F. Landel, J. D. Ferry, "The Temperature Dependence of Relaxation Mechanisms in Amorphous Polymers and
     Other Glass-Forming Liquids" (1955). The size is that at the reference temperature.
+    `swaying_frame`: the columns and what joins them are one frame, which sways under the struts' force the more the
+    higher the other carriage stands, by the cube of its height, wherever this one is: S. Timoshenko, D. H. Young,
+    "Theory of Structures" (1945). The size is that with the other one in the middle of its travel.
     """
 
     def setup(self) -> None:
@@ -94,8 +98,10 @@ class ColumnCompliance(Effect):
             span = (state.q_m[:, a] - self.first_m) / BOLTS_M % 1.0
             between = 16.0 * (span * (1.0 - span)) ** 2
             deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_BOLTS + (1.0 - AT_BOLTS) * between)
-        elif self.variant in ("resin_bed", "warm_resin"):
-            deviation.carriage_compliance[:, a, _ACROSS] += c * self._resin(state)
+        elif self.variant in ("resin_bed", "warm_resin", "swaying_frame"):
+            swayed = self.variant == "swaying_frame"
+            share = self._swayed(state) if swayed else self._resin(state)
+            deviation.carriage_compliance[:, a, _ACROSS] += c * share
         elif self.variant == "rocking_foot":
             strut = next(s for s in self.site.machine.struts if s.drive == a)
             foot_m = FOOT_M - strut.base_joint.imag  # by the drive's coordinate
@@ -108,6 +114,14 @@ class ColumnCompliance(Effect):
             deviation.carriage_compliance[:, a, _ALONG] += c * (2.0 - height)
         else:
             deviation.carriage_compliance[:, a, _ACROSS] += c
+
+    def _swayed(self, state: MotionState) -> Array:
+        """Compliance of the frame (n,) over the size, by the height of the next carriage."""
+        other = (self.place + 1) % len(self.site.machine.sliders)
+        strut = next(s for s in self.site.machine.struts if s.drive == other)
+        middle, _ = self.site.drive_range_m(other)
+        foot_m = FOOT_M - strut.base_joint.imag
+        return np.asarray(((state.q_m[:, other] - foot_m) / (middle - foot_m)) ** 3)
 
     def _resin(self, state: MotionState) -> Array:
         """Compliance of the resin under the rail (n,) over the size."""
@@ -141,6 +155,9 @@ class LinkStiffness(Effect):
     `warm_adhesive`: the adhesive of a bonded end turns from hard to soft over some kelvin around the temperature of the
     shop, so that the strut is softer whenever it is warmer: adhesives and temperature in R. D. Adams, W. C. Wake,
     "Structural Adhesives in Engineering" (1984). exp(-size) is the ratio of stiffness when all of it is soft.
+    `seated_taper`: a tapered end is driven into its seat by a stop on the way up, the firmer the faster it was, and
+    loosened by one on the way down: tapered joints in E. I. Rivin, "Stiffness and Damping in Mechanical Design" (1999).
+    exp(-size) is the ratio of stiffness when it is loose, as it also is at first.
     """
 
     def setup(self) -> None:
@@ -173,13 +190,8 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= np.log1p(
                 np.expm1(x) * np.sin(swing_rad(self.site.machine, i, state.q_m)) ** 2
             )
-        elif self.variant == "creeping_bond":
-            rested_s = state.since_s[:, self.site.machine.struts[i].drive]
-            crept = 1.0 - (1.0 - BOND) * np.exp(-rested_s / self.creeps_s)
-            deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * crept)
-        elif self.variant == "warm_adhesive":
-            beyond = (_above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
-            deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * 0.5 * (1.0 + np.tanh(beyond)))
+        elif self.variant in ("creeping_bond", "warm_adhesive", "seated_taper"):
+            deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * self._soft_end(state))
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
         elif self.variant == "yielding":
@@ -191,6 +203,17 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= x * (1.0 - np.exp(-swings / LOOSENS))
         else:
             deviation.ln_stiffness[:, i] -= x
+
+    def _soft_end(self, state: MotionState) -> Array:
+        """How soft the bonded or tapered end is (n,), from 0 to 1."""
+        drive = self.site.machine.struts[self.place].drive
+        if self.variant == "creeping_bond":
+            return np.asarray(1.0 - (1.0 - BOND) * np.exp(-state.since_s[:, drive] / self.creeps_s))
+        if self.variant == "warm_adhesive":
+            beyond = (_above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
+            return np.asarray(0.5 * (1.0 + np.tanh(beyond)))
+        loose = np.exp(-((state.speed_m_per_s[:, drive] / SEATS_M_PER_S) ** 2))
+        return np.where(state.direction[:, drive] > 0.0, loose, 1.0)
 
 
 def _above_reference_k(site: Site, state: MotionState, part: str) -> Array:
@@ -221,9 +244,10 @@ EFFECTS = (
             "resin_bed",
             "rocking_foot",
             "warm_resin",
+            "swaying_frame",
         ),
-        final="warm_resin",
-        reveals="payload, SMRs on the sliders, height; by variant dwell, temperature",
+        final="swaying_frame",
+        reveals="payload, SMRs on the sliders, height; by variant dwell, temperature, the other drive's coordinate",
         make=ColumnCompliance,
     ),
     EffectSpec(
@@ -244,9 +268,10 @@ EFFECTS = (
             "bowed",
             "creeping_bond",
             "warm_adhesive",
+            "seated_taper",
         ),
-        final="warm_adhesive",
-        reveals="payload, pose; by variant dwell, the number of motions, temperature",
+        final="seated_taper",
+        reveals="payload, pose; by variant dwell, direction, speed, the number of motions, temperature",
         make=LinkStiffness,
     ),
     EffectSpec(
@@ -267,9 +292,11 @@ EFFECTS = (
             "worn_hole",
             "friction_held",
             "wearing_pin",
+            "shrinking_bush",
         ),
-        final="wearing_pin",
-        reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction, distance moved",
+        final="shrinking_bush",
+        reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction, distance moved, "
+        "temperature",
         make=JointClearance,
     ),
 )

@@ -35,6 +35,9 @@ class TablesLeftOn(Effect):
     `ramped`: a computer beside the control adds the corrections by small steps, so that they are still those of former
     places when a drive stops: J. Ni, "CNC Machine Accuracy Enhancement Through Real-Time Error Compensation" (1997). It
     lags behind by its own axis, and follows the other one at once.
+    `counted_from_above`: somebody entered the nodes of every drive from its upper end, and each correction acts at the
+    mirrored place: slips of those who map one order to another in D. A. Norman, "The Psychology of Everyday Things"
+    (1988).
     """
 
     def setup(self) -> None:
@@ -101,6 +104,8 @@ class TablesLeftOn(Effect):
         own = state.q_m[:, a]
         if self.variant == "moved_zero":
             own = own + self.moved_m[a]
+        elif self.variant == "counted_from_above":
+            own = table.own_m[0] + table.own_m[-1] - own
         if self.variant == "pulses":
             own, partner = _passed(table.own_m, own), _passed(table.partner_m, partner)
         return table.correction_m(own, partner)

@@ -30,6 +30,8 @@ SUN_BEGINS_S, SUN_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of sun on a col
 THIN_WALL = 0.15  # time constant of a column's thin wall over that of its thick one
 FANS, FANS_M_PER_S = 5.0, 0.5  # what a strut loses beyond still air, over that, at a speed of its drive
 WET_BEGINS_S, WET_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of coolant on a column
+STOP_M_PER_S, STOP_S = 0.5, 60.0  # of stops that warm a damping layer to the size: from which speed, how often
+WAVE_M, HALF_WAVES = (0.6, 1.2), 2.0  # depth in which a wave of heat falls by e; its period over tau_s
 DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -77,6 +79,9 @@ class LinkGrowth(_Warming):
     `fanned`: a lamp warms it evenly, and whenever its drive moves it through the air it cools faster, by the root of
     the speed: L. V. King, "On the Convection of Heat from Small Cylinders in a Stream of Fluid" (1914). `rise_k` is
     where it ends at rest, which it nears with tau_s.
+    `damping_layer`: a damping layer inside it takes up the kinetic energy of every stop, however short the way was, and
+    passes the heat on: L. Cremer, M. Heckl, "Structure-Borne Sound" (1973). `rise_k` is where it ends with a stop from
+    STOP_M_PER_S every STOP_S.
     """
 
     def setup(self) -> None:
@@ -86,6 +91,8 @@ class LinkGrowth(_Warming):
         per_m = 1.0 / (DUTY_M_PER_S * JOINT_M_PER_S * tau)
         self._heat = LegMemory(lambda way, speed, _: per_m * np.abs(way) * speed, tau, JOINT * tau)
         self._rubbed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), tau, JOINT * tau)
+        per_stop = STOP_S / STOP_M_PER_S**2 / tau
+        self._stopped = LegMemory(lambda way, speed, _: per_stop * speed**2 * (way != 0.0), tau, JOINT * tau)
         middle, half = self.site.drive_range_m(self.site.machine.struts[self.place].drive)
         self.heater_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
         self._shone_on = PlaceMemory(self.shines, tau)
@@ -107,6 +114,8 @@ class LinkGrowth(_Warming):
             self._shone_on.record(leg)
         elif self.variant == "fanned":
             self._fanned.record(leg)
+        elif self.variant == "damping_layer":
+            self._stopped.record(leg)
 
     def rise_k(self, state: MotionState) -> Array:
         """The temperature above the sensor (n,)."""
@@ -114,9 +123,10 @@ class LinkGrowth(_Warming):
             return self.size * self._shone_on.at(state, self.site.machine.struts[self.place].drive)
         if self.variant == "fanned":
             return self.size * self._fanned.at(state, self.site.machine.struts[self.place].drive)
-        if self.variant not in ("joint_heat", "rubbing_joint"):
+        sources = {"joint_heat": self._heat, "rubbing_joint": self._rubbed, "damping_layer": self._stopped}
+        if self.variant not in sources:
             return super().rise_k(state)
-        memory = self._heat if self.variant == "joint_heat" else self._rubbed
+        memory = sources[self.variant]
         whole, joint = memory.at(state, self.site.machine.struts[self.place].drive).T
         return np.asarray(self.size * (whole - joint) / (1.0 - JOINT))
 
@@ -143,6 +153,9 @@ class ColumnGrowth(_Warming):
     cooled again: among the influences of the surroundings in J. Mayr et al., "Thermal Issues in Machine Tools" (2012).
     `drying`: spilt coolant cools it, at first at a constant rate and then, while the last of it goes, by less and less:
     both periods of drying in T. K. Sherwood, "The Drying of Solids" (1929). The size is how much cooler it would end.
+    `heat_wave`: heat has come and gone at its foot for long, and runs up it as a wave that is weaker and later the
+    higher it comes: A. J. Ångström, "Neue Methode, das Wärmeleitungsvermögen der Körper zu bestimmen" (1861). Its
+    period is HALF_WAVES times tau_s, and the size is its amplitude at the foot.
     """
 
     sensor = "columns"
@@ -156,6 +169,7 @@ class ColumnGrowth(_Warming):
         self.sun_lasts_s = float(self.rng.uniform(*SUN_LASTS_S))
         self.wet_begins_s = float(self.rng.uniform(*WET_BEGINS_S))
         self.wet_lasts_s = float(self.rng.uniform(*WET_LASTS_S))
+        self.wave_m = float(self.rng.uniform(*WAVE_M))
         fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
         self._heat = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), *fades_s)
 
@@ -178,6 +192,12 @@ class ColumnGrowth(_Warming):
         after_s = np.maximum(elapsed_s - self.wet_begins_s - self.wet_lasts_s, 0.0)
         left, goes = np.exp(-after_s / tau), np.exp(-after_s / dries_s)
         return warm_up(wet_s, tau) * left + (wet_s >= self.wet_lasts_s) * DRIES / (1.0 - DRIES) * (left - goes)
+
+    def _waved_m(self, elapsed_s: Array, height_m: Array) -> Array:
+        """Warmth of a wave from the foot to a height (n,), over its amplitude at the foot."""
+        turn = 2.0 * np.pi * elapsed_s / (HALF_WAVES * self.values["tau_s"])
+        falls = (1.0 + 1.0j) / self.wave_m
+        return np.asarray((np.exp(1j * turn) * -np.expm1(-falls * height_m) / falls).imag)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with the column."""
@@ -220,6 +240,9 @@ class ColumnGrowth(_Warming):
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
         elif self.variant == "drying":
             deviation.travel_m[:, self.place] -= alpha * self.size * self._chilled(self.elapsed_s(state)) * height
+        elif self.variant == "heat_wave":
+            waved_m = self._waved_m(self.elapsed_s(state), height)
+            deviation.travel_m[:, self.place] += alpha * self.size * waved_m
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
             deviation.travel_m[:, self.place] += 0.5 * grown * height**2
         else:
@@ -258,9 +281,10 @@ EFFECTS = (
             "radiant_heater",
             "rubbing_joint",
             "fanned",
+            "damping_layer",
         ),
-        "fanned",
-        "time, a temperature swing; by variant travel, speed and place",
+        "damping_layer",
+        "time, a temperature swing; by variant travel, speed, stops and place",
         LinkGrowth,
     ),
     _spec(
@@ -278,8 +302,9 @@ EFFECTS = (
             "two_walls",
             "sun_on_face",
             "drying",
+            "heat_wave",
         ),
-        "drying",
+        "heat_wave",
         "time or distance moved, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
@@ -297,9 +322,10 @@ EFFECTS = (
             "chilled",
             "nut_then_screw",
             "lifting",
+            "holding",
         ),
-        "lifting",
-        "time and distance moved, by variant direction and speed, drive coordinate, SMRs on the sliders",
+        "holding",
+        "time and distance moved, by variant direction, speed and dwell, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),
 )

@@ -60,8 +60,8 @@ class Refraction(Effect):
     `stirred`: the machine's motions mix the layers of the hall, which form anew while it rests: P. F. Linden, "Mixing
     in Stratified Fluids" (1979). Each drive stirs its part. The gradient is that of layers at rest.
     `sun_patch`: the sun warms a patch of the floor halfway to the machine, which wanders to the other side; the air
-    over it is warmer below, less so higher up, and lifts the lines that pass over it: A. B. Fraser, W. H. Mach,
-    "Mirages" (1976). The gradient is that over its middle at the height of the station.
+    over it is warmer below, less so higher up, and bends lines upwards, so that all behind it seems lower: A. B.
+    Fraser, W. H. Mach, "Mirages" (1976). The gradient is that over its middle at the height of the station.
     """
 
     def setup(self) -> None:

@@ -18,7 +18,8 @@ WANTED, OF_ROUND_OFF = 5.0, 1.0e-12
 # Draws that decide nothing of what the form does: by lot are only parts of other variants.
 WITHOUT_DRAWS = {
     "backlash", "friction_windup", "column_compliance", "joint_clearance", "axis_coupling", "servo_settling",
-    "foundation_settling", "link_thermal_growth", "screw_thermal_growth", "stiff_hose", "chain_on_carriage",
+    "foundation_settling", "link_thermal_growth", "screw_thermal_growth", "link_stiffness", "payload", "drive_scale",
+    "touching_post", "dragged_seat",
 }  # fmt: skip
 
 

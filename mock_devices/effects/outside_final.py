@@ -14,7 +14,7 @@ from mock_devices.effects.strut_ways import platform_place
 
 UNIT_M = (0.03, 0.12)  # range in which the phase of a stray reflex turns once
 POST_AT, TOUCHES = 0.12 - 0.1j, 0.5  # point of the platform; height at which it touches, over that of the workspace
-SEAT_M = 0.1  # half of the play within which a seat is dragged
+SEAT_M = 0.1  # how far a slider goes from a hose before it drags that along
 TEETH_M = 0.006  # of a brake
 FALLS_S, DRAWS_S = 3.0, 4.0  # rest until a brake falls in; in which it then draws the slider to its tooth
 
@@ -60,26 +60,27 @@ class TouchingPost(OutsideEffect):
 
 
 class DraggedSeat(OutsideEffect):
-    """A strut's seat sticks to its cable and lags behind its slider: that drags it along once its play is used up.
+    """A hose along the column is tied to a strut's seat, which lags behind its slider until that drags the hose along.
 
-    The play of A. Visintin, "Differential Models of Hysteresis" (1994), over a decimetre: the seat gives way in
-    proportion to how far the slider has come from where the seat would like to be. The slider itself stands right.
+    The play of A. Visintin, "Differential Models of Hysteresis" (1994), over a decimetre either way: friction holds the
+    hose, which draws the seat back in proportion to how far the slider has gone from it. The slider itself stands
+    right.
     """
 
     def setup(self) -> None:
-        """Where the seat would like to be."""
+        """Where the hose lies, at first in the middle of the travel."""
         super().setup()
         drive = self.site.machine.struts[self.place].drive
-        self._seat = Dragged(SEAT_M, self.site.drive_range_m(drive)[0])
+        self._hose = Dragged(SEAT_M, self.site.drive_range_m(drive)[0])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let its slider drag the seat along."""
+        """Let its slider drag the hose along."""
         if drive == self.site.machine.struts[self.place].drive:
-            self._seat.record(leg)
+            self._hose.record(leg)
 
     def _unit(self, state: MotionState) -> Array:
         drive = self.site.machine.struts[self.place].drive
-        return np.asarray((self._seat.at(state, drive) - state.q_m[:, drive]) / SEAT_M)
+        return np.asarray((self._hose.at(state, drive) - state.q_m[:, drive]) / SEAT_M)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the joint on its slider, along the axis."""

@@ -65,7 +65,7 @@ def test_a_post_pushes_the_platform_up_where_it_is_low():
     assert again == pytest.approx(force)  # whatever side it came from
 
 
-def test_a_slider_drags_a_seat_along_within_its_play():
+def test_a_slider_drags_a_hose_along_that_draws_its_seat_back():
     one = Alone("dragged_seat", 3e-5, place="right_lower")
     seat = 0.5 * (LOW_M + HIGH_M)
     for to_m in (1.3, 1.25, 1.15, 0.6, 0.75, 0.9, 0.89):

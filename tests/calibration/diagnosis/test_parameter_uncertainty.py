@@ -139,6 +139,24 @@ def test_a_period_is_known_the_better_the_stronger_its_wave_is(amplitude_m, larg
     assert abs(period.value - true_m) < 3.0 * period.u
 
 
+@pytest.mark.parametrize("weights", [(0.0, 1.0), (-1.0, 1.0)], ids=["the other", "the difference"])
+@pytest.mark.parametrize(("true_m", "largest_u_m"), [(0.0137, 2.0e-5), (1.2e-3, 2.0e-7)])
+def test_a_period_over_another_drive_s_coordinate_is_found_with_its_uncertainty(weights, true_m, largest_u_m):
+    """Of what errs along the first drive only, by an amount that is not a share of any travel."""
+
+    def wave(a: Arrivals) -> np.ndarray:
+        turn = 2.0 * np.pi * (a.drives @ np.array(weights)) / true_m
+        return 4.0e-5 * np.sin(turn)[:, None] * np.array([1.0, 0.0])
+
+    diagnosis = diagnose(simulated("planar4", 80, wave))
+    assert diagnosis.verdict == "axis_coupling"
+    (found,) = diagnosis.effects
+    (period,) = found.others
+    assert (found.place, period.unit) == ("left", "m")
+    assert 0.0 < period.u < largest_u_m
+    assert abs(period.value - true_m) < 3.0 * period.u
+
+
 def test_a_mean_square_over_cells_is_that_of_samples():
     rng = np.random.default_rng(3)
     values, posterior = np.array([1.0, 2.0, 4.0, 8.0]), np.array([0.1, 0.5, 0.3, 0.1])

@@ -89,6 +89,17 @@ def test_what_was_written_is_read(made):
     assert again.to_data() == twin.to_data()
 
 
+def test_over_what_periods_were_asked_is_kept(made):
+    twin, data = made
+    other = copy.deepcopy(data)
+    other["added"][0]["periods_asked"] += [[0, 2e-4, 6e-2, 0.0, 1.0], [0, 2e-4, 6e-2, -1.0, 1.0]]
+    other["added"][0]["periods_m"] += [[0.011], []]
+    again = Twin.from_data(twin.machine.text, other)
+    assert again.to_data() == other
+    answers = again.added[0].answers.periods_m
+    assert answers[0, 2e-4, 6e-2, (0.0, 1.0)] == (0.011,)
+
+
 def test_a_file_that_was_written_with_other_columns_is_refused(made):
     """Numbers of columns mean what the catalogue makes of them: another version's coefficients would move at random."""
     twin, data = made

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.scoring.measure import Measure, held_to, mean, median, share, share_between, worst
+from benchmarks.scoring.measure import Measure, held_to, mean, median, quantiles, share, share_between, worst
 from benchmarks.withheld.cases import DECLARED, RIGHT
 from benchmarks.withheld.score_rows import (
     Row,
@@ -31,6 +31,7 @@ ALIKE_SIGMA = 0.3  # an effect so near to the true one equals it
 MOST_CLASS = 1.4
 WORST_OF = 25  # an effect of fewer cases is not judged by itself
 SURE, GROSS_SURE = 0.99, 0.9
+USUAL_S, LONG_S, LONGEST_S = 1.0, 3.0, 8.0  # of a diagnosis: median, most of them, all
 WORTH = 1.0  # sigma, visible: where a shrink says something
 
 
@@ -186,3 +187,12 @@ def gross(rows: Sequence[Row]) -> list[Measure]:
 def reached(figures: Sequence[dict[str, Any]]) -> bool:
     """Whether no goal is missed."""
     return all(m["ok"] is not False for m in figures)
+
+
+def times(seconds: Sequence[float]) -> list[Measure]:
+    """Of diagnoses, each on one core, files read."""
+    return [
+        quantiles("one diagnosis, median on its core in s (5 to 95 %)", seconds, USUAL_S),
+        share(f"  within {LONG_S:g} s", [s < LONG_S for s in seconds], 0.95),
+        share(f"  within {LONGEST_S:g} s", [s < LONGEST_S for s in seconds], 1.0),
+    ]

@@ -101,11 +101,12 @@ def median(name: str, x: Array, less: Array, most: float | None = None) -> Measu
 
 def quantiles(name: str, values: Sequence[float], most: float | None = None) -> Measure:
     """The median, in the place of the interval the 5 and 95 % quantiles."""
+    goal = "" if most is None else f"at most {most:g} s"
     if not values:
-        return plain(name, (None, 0.0, 0.0, 0))
+        return Measure(name, goal, None, 0.0, 0.0, 0, None)
     low, middle, high = (float(x) for x in np.quantile(values, [0.05, 0.5, 0.95]))
     ok = None if most is None else middle <= most
-    return Measure(name, "" if most is None else f"at most {most:g} s", middle, low, high, len(values), ok)
+    return Measure(name, goal, middle, low, high, len(values), ok)
 
 
 def worst(name: Callable[[str], str], by_group: dict[str, list[bool]], goal: float) -> list[Measure]:

@@ -2,7 +2,7 @@
 
 A channel is a place with a direction: a drive's travel, a strut's length, the pose of the platform, one reflector, the
 station; or a stated value that may be wrong: the growth of a part, the payload, a drive's scale, a table that is on.
-Its response is the shift of each measured reflector per unit of the channel (m, rad; 1/m for refraction; kg; 1).
+Its response is the shift of each measured reflector per unit of the channel (m, rad; 1/m for angles of light; kg; 1).
 """
 
 from __future__ import annotations
@@ -255,7 +255,7 @@ def unit_of_channel(name: str) -> str:
         return "kg"
     if kind == "turn" or (kind in ("pose", "station", "floor") and last.startswith("r")):
         return "rad"
-    if kind in ("growth", "scale", "table", "unknown"):
+    if kind in ("growth", "scale", "table", "unknown") or name == "light.range":
         return "1"
     return "1/m" if kind == "light" else "m"
 

@@ -34,6 +34,9 @@ PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "u"), (1e-9, "n"), (1e-12, "p"))
 PREFIXED = ("m", "rad", "s")
 LARGEST_PPM = 1e-3  # ratios below are shown in ppm
 MOST_RANKED, LEAST_PROBABILITY = 6, 0.005
+MEANINGS = {  # of channels whose effect has another name
+    "light.range": "scale of the ranges: index of air wrong or late",
+}
 WORTH_MEASURING_BIT = 0.01  # expected information below which no campaign is recommended
 
 
@@ -155,6 +158,7 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
             size = f"{quantity_name(at.size)} = {format_quantity(at.size)}"
             rows.append((*named, size, *sure, f"{at.raw_sigma:.1f}", f"{at.visible_sigma:.1f}"))
             rows += [("", "", f"{quantity_name(q)} = {format_quantity(q)}", "", "", "", "") for q in at.others]
+            rows += [("", "", _at_channel(q), "", "", "", "") for q in at.at_channels]
             if at.aliases:
                 rows.append(("", "", _aliased(at.aliases), "", "", "", ""))
             if at.differs_with:
@@ -169,6 +173,12 @@ def _effects(effects: Sequence[FoundEffect]) -> Padding:
         "visible",
     )
     return _table(columns, rows, left=3)
+
+
+def _at_channel(quantity: Quantity) -> str:
+    """What an effect does there, RMS over the readings that respond: the same whatever the effect calls its size."""
+    meaning = MEANINGS.get(quantity.name)
+    return f"at {quantity.name}{f' ({meaning})' if meaning else ''}: {format_quantity(quantity)} RMS"
 
 
 def _aliased(periods_m: Sequence[float]) -> str:

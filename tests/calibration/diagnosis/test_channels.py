@@ -317,7 +317,8 @@ def test_a_slider_is_pulled_by_its_own_struts_towards_the_platform(case):
     [
         ("travel.left", "m"), ("sideways.left.x", "m"), ("turn.left.z", "rad"), ("pose.x", "m"), ("pose.rz", "rad"),
         ("station.z", "m"), ("station.rx", "rad"), ("smr.P1.x", "m"), ("light.v", "1/m"), ("growth.base", "1"),
-        ("payload.mass", "kg"), ("payload.x", "m"), ("scale.right", "1"), ("table.3", "1"), ("length.left_upper", "m"),
+        ("light.range", "1"), ("payload.mass", "kg"), ("payload.x", "m"), ("scale.right", "1"), ("table.3", "1"),
+        ("length.left_upper", "m"),
     ],
 )  # fmt: skip
 def test_every_kind_of_channel_has_its_unit(name, unit):

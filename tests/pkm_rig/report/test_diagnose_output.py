@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from calibration.diagnosis.channels import unit_of_channel
 from calibration.diagnosis.result import KINDS, Quantity, Share
 from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.report import diagnosis_json as diagnosis_output
@@ -88,7 +89,17 @@ def test_what_differs_with_everything_is_not_listed():
     everything = replace(effect.places[1], differs_with=("travel.left", "travel.right", "payload", "rest"))
     text = printed(replace(example(), effects=(replace(effect, places=(everything,)),)))
     assert "differs a little with all that varies" in text
-    assert "travel.right" not in text
+    assert "differs with" not in text
+
+
+def test_what_an_effect_does_at_a_channel_is_said_whatever_its_size_is_called():
+    """An index of air that is wrong is a refraction, whose size is a gradient; at the ranges it is a scale."""
+    (effect,) = example().effects
+    ranges = Quantity("light.range", 1.4e-6, 1.0e-7, unit_of_channel("light.range"))
+    place = replace(effect.places[0], at_channels=(ranges,))
+    text = printed(replace(example(), effects=(replace(effect, places=(place,)),)))
+    assert "at light.range (scale of the ranges: index of air wrong or late): 1.40 +- 0.20 ppm RMS" in text
+    assert "at travel.right: 9.0 +- 2.2 um RMS" in printed(example())
 
 
 def test_an_effect_in_words():

@@ -37,7 +37,7 @@ def diagnose_axis(recording: AxisRecording) -> AxisDiagnosis:
     command = recording.command
     following = None if command is None else following_delay(Signals.of_following(recording, command))
     remarks = []
-    if recording.file.torque_side == "motor" and recording.file.ratio == 1.0:
+    if recording.file.torque_side == "motor" and recording.file.ratio is None:
         remarks.append(NO_RATIO)
     return diagnose_signals(signals, recording.file.name, recording.file.simulated, following, tuple(remarks))
 

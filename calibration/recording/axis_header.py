@@ -34,8 +34,8 @@ class AxisFile(Section):
     torque_side: Literal["motor", "load"] | None = Field(
         default=None, description="Side on which the torque or force is stated; with a torque it must be given."
     )
-    ratio: float = Field(
-        default=1.0,
+    ratio: float | None = Field(
+        default=None,
         ge=1e-6,
         le=1e6,
         description="Torque (or force) on the load's side over that on the motor's, losses aside: of use only with "
@@ -68,6 +68,6 @@ class AxisFile(Section):
     @property
     def load_unit(self) -> str:
         """SI unit of the torque or force as it is used: on the load's side, where the ratio is known."""
-        if self.kind == "rotary" or (self.torque_unit in TORQUES and self.ratio == 1.0):
+        if self.kind == "rotary" or (self.torque_unit in TORQUES and self.ratio is None):
             return "Nm"
         return "N"

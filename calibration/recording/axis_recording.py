@@ -73,7 +73,8 @@ def read_axis_folder(folder: Path) -> AxisRecording:
     torque = None
     if file.torque_unit is not None:
         torque = table["torque"] * (TORQUES | FORCES)[file.torque_unit]
-        torque = torque * file.ratio if file.torque_side == "motor" else torque
+        if file.torque_side == "motor" and file.ratio is not None:
+            torque = torque * file.ratio
         _check_size(path, "torque", torque, LARGEST_TORQUE, "Nm or N")
     _check_motion(path, motor, second)
     return AxisRecording(file, time_s - time_s[0], motor, second, command, torque)

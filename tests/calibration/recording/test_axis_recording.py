@@ -57,6 +57,21 @@ def test_units_of_the_header_become_si(folder):
 
 
 @pytest.mark.parametrize(
+    ("line", "ratio", "load_unit"), [("", None, "Nm"), ("ratio = 1.0", 1.0, "N"), ("ratio = 100.0", 100.0, "N")]
+)
+def test_a_ratio_of_one_is_one_and_a_ratio_left_out_is_not_known(folder, line, ratio, load_unit):
+    """Without a ratio the torque of a spindle's motor stays one; with any it is a force on the slide."""
+    rewrite(folder, "axis.toml", "ratio = 100.0", line)
+    rewrite(folder, "axis.toml", 'kind = "rotary"', 'kind = "linear"')
+    rewrite(folder, "axis.toml", 'position_unit = "deg"', 'position_unit = "mm"')
+    read = read_axis_folder(folder)
+    assert (read.file.ratio, read.file.load_unit) == (ratio, load_unit)
+    np.testing.assert_allclose(read.torque, (ratio or 1.0) * signals()["torque"])
+    write_axis_folder(read.file, signals(), folder / "again")
+    assert read_axis_folder(folder / "again").file.ratio == ratio
+
+
+@pytest.mark.parametrize(
     ("name", "old", "new", "says"),
     [
         ("axis.toml", 'kind = "rotary"', 'kind = "linear"', "a linear axis has no positions in deg"),

@@ -14,7 +14,7 @@ from calibration.axis.model import AxisModel
 from calibration.axis.noise import cosines
 from calibration.axis.result import AxisDiagnosis, AxisEffectFound
 from calibration.axis.search import AxisCause, AxisSearch, explain_effect, search_axis
-from calibration.axis.signals import Signals
+from calibration.axis.signals import Signals, samples_in_group
 from calibration.axis.smooth_function import smooth_function
 from calibration.axis.withheld_stretches import gap_figures
 from calibration.base.arrays import Array
@@ -36,10 +36,8 @@ def diagnose_axis(recording: AxisRecording) -> AxisDiagnosis:
     signals = Signals.of(recording)
     command = recording.command
     following = None if command is None else following_delay(Signals.of_following(recording, command))
-    remarks = []
-    if recording.file.torque_side == "motor" and recording.file.ratio is None:
-        remarks.append(NO_RATIO)
-    return diagnose_signals(signals, recording.file.name, recording.file.simulated, following, tuple(remarks))
+    remarks = _remarks_on_recording(recording, len(signals))
+    return diagnose_signals(signals, recording.file.name, recording.file.simulated, following, remarks)
 
 
 def diagnose_signals(
@@ -79,6 +77,19 @@ def diagnose_signals(
         model=_model(search.causes if is_effect else (), after, signals),
         remarks=(*remarks, *_remarks(search, is_effect)),
     )
+
+
+def _remarks_on_recording(recording: AxisRecording, used: int) -> tuple[str, ...]:
+    """What its header does not say, and what of its samples was averaged; used: samples after that."""
+    out = []
+    if recording.file.torque_side == "motor" and recording.file.ratio is None:
+        out.append(NO_RATIO)
+    if (group := samples_in_group(recording)) > 1:
+        out.append(
+            f"to save time the {len(recording.motor)} samples were averaged to {used}, {group} at a time, one every "
+            f"{group * recording.step_s:.3g} s: the gap of a shorter recording is looked at sample by sample"
+        )
+    return tuple(out)
 
 
 def following_delay(signals: Signals) -> Quantity:

@@ -52,7 +52,7 @@ class Signals:
 
     @classmethod
     def _between(cls, recording: AxisRecording, first: Array, second: Array) -> Signals:
-        group = -(-len(first) // MOST_SAMPLES)
+        group = samples_in_group(recording)
         first, second = _averaged(first, group), _averaged(second, group)
         torque = None if recording.torque is None else _averaged(recording.torque, group)
         step = recording.step_s * group
@@ -160,6 +160,11 @@ class Signals:
     def _travelled(self) -> PPoly:
         """The integral of the velocity."""
         return CubicSpline(np.arange(len(self)) * self.step_s, self.velocity).antiderivative()
+
+
+def samples_in_group(recording: AxisRecording) -> int:
+    """How many samples of a recording are averaged to one; 1 where all are used as they are."""
+    return -(-len(recording.motor) // MOST_SAMPLES)
 
 
 def _averaged(x: Array, group: int) -> Array:

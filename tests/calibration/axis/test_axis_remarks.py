@@ -26,3 +26,9 @@ def remarks_on(monkeypatch, count: int = 400, **header: object) -> tuple[str, ..
 )
 def test_a_ratio_that_is_stated_as_one_is_stated(monkeypatch, header, said):
     assert any("the ratio is not stated" in remark for remark in remarks_on(monkeypatch, **header)) is said
+
+
+def test_samples_that_are_averaged_are_told_with_how_many_they_become(monkeypatch):
+    (said,) = remarks_on(monkeypatch, 13_000, ratio=1.0)
+    assert "to save time the 13000 samples were averaged to 4333, 3 at a time, one every 0.003 s" in said
+    assert remarks_on(monkeypatch, 6_000, ratio=1.0) == ()

@@ -75,7 +75,7 @@ def diagnose_signals(
         noise=np.exp(0.5 * after.knots) * np.sqrt(2.0 * signals.step_s),
         remaining=after.remaining,
         model=_model(search.causes if is_effect else (), after, signals),
-        remarks=(*remarks, *_remarks(search, is_effect)),
+        remarks=(*remarks, *_remarks(search, verdict)),
     )
 
 
@@ -221,11 +221,42 @@ def _model(causes: tuple[AxisCause, ...], after: AxisLikelihood, signals: Signal
     return AxisModel(scale, float(signals.position.mean()), laws, after.coefficients[1:] * prior)
 
 
-def _remarks(search: AxisSearch, is_effect: bool) -> tuple[str, ...]:
-    if not is_effect or search.excess_log_evidence <= INEXACT:
+def _remarks(search: AxisSearch, verdict: str) -> tuple[str, ...]:
+    if verdict == UNKNOWN:
+        return (_most_like(search),)
+    if verdict == NONE or search.excess_log_evidence <= INEXACT:
         return ()
-    name = max(search.alternatives, key=lambda n: search.alternatives[n])
+    name = _strongest(search.alternatives)
     return (
         f"the effects' forms are not exact: something that depends on {name} remains "
         f"({search.excess_log_evidence:.0f} of log evidence, {search.log_evidence:.0f} explained)",
     )
+
+
+def _most_like(search: AxisSearch) -> str:
+    """The effect that comes nearest to something unknown, and what speaks against it."""
+    nearest = search.ranking[0] if search.ranking else None
+    if nearest is None or nearest.log_evidence <= 0.0:
+        return f"no effect explains any of it; an arbitrary function of {_strongest(search.alternatives)} does"
+    if not search.causes:
+        return (
+            f"nearest comes {nearest.effect.name}, with {nearest.log_evidence:.1f} of log evidence of the "
+            f"{VERDICT.detection_threshold:.0f} that an effect needs; an arbitrary function of "
+            f"{_strongest(search.alternatives)} explains {search.excess_log_evidence:.0f} more"
+        )
+    beside = ", ".join(dict.fromkeys(cause.effect.name for cause in search.causes[1:]))
+    alone = f"beside {beside}" if beside else "alone"
+    in_place = _strongest(search.in_place)
+    if search.in_place[in_place] - nearest.log_evidence > max(search.alternatives.values()):
+        why = f"an arbitrary function of {in_place} in its place explains more"
+    else:
+        why = f"something that depends on {_strongest(search.alternatives)} remains"
+    return (
+        f"most like {nearest.effect.name} ({nearest.log_evidence:.0f} of log evidence {alone}), but {why} "
+        f"({search.excess_log_evidence:.0f} more)"
+    )
+
+
+def _strongest(alternatives: Mapping[str, float]) -> str:
+    """Coordinate of the arbitrary function with the largest log evidence."""
+    return max(alternatives, key=lambda name: alternatives[name])

@@ -53,7 +53,8 @@ class AxisSearch:
     the main cause; ranking: all effects in its place, the most likely first. without: RMS of what remains without each
     cause. excluded: kinds of friction that the recorded torque does not allow in the main cause's place.
     log_evidence: of all causes together; excess_log_evidence: how much more an arbitrary function has, in addition to
-    them or in the main cause's place; alternatives: log evidence of each such function in addition.
+    them or in the main cause's place; alternatives: log evidence of each such function in addition; in_place: the same
+    in the main cause's place.
     """
 
     causes: tuple[AxisCause, ...]
@@ -66,6 +67,7 @@ class AxisSearch:
     excess_log_evidence: float
     alternatives: Mapping[str, float]
     excluded: tuple[str, ...]
+    in_place: Mapping[str, float]
 
 
 def search_axis(signals: Signals) -> AxisSearch:
@@ -84,7 +86,19 @@ def search_axis(signals: Signals) -> AxisSearch:
         ranking = tuple(_ranked(before, signals))
         alternatives = _alternatives(before, signals)
         excess = max(0.0, max(alternatives.values()) - max((c.log_evidence for c in ranking), default=0.0))
-        return AxisSearch((), before, before, before, ranking, (), 0.0, excess, alternatives, _excluded(ranking))
+        return AxisSearch(
+            causes=(),
+            before=before,
+            after=before,
+            slot=before,
+            ranking=ranking,
+            without=(),
+            log_evidence=0.0,
+            excess_log_evidence=excess,
+            alternatives=alternatives,
+            excluded=_excluded(ranking),
+            in_place=alternatives,
+        )
     without = _without_each(before, causes)
     first = int(np.argmax(without))
     others = [cause for i, cause in enumerate(causes) if i != first]
@@ -94,7 +108,8 @@ def search_axis(signals: Signals) -> AxisSearch:
         causes = [ranking[0], *others]
     after = before.including(*(c.explanation.scaled for c in causes))
     alternatives = _alternatives(after, signals)
-    in_place = max(_alternatives(slot, signals).values()) - ranking[0].log_evidence
+    in_place = _alternatives(slot, signals)
+    more_in_place = max(in_place.values()) - ranking[0].log_evidence
     return AxisSearch(
         causes=tuple(causes),
         before=before,
@@ -103,9 +118,10 @@ def search_axis(signals: Signals) -> AxisSearch:
         ranking=ranking,
         without=tuple(_without_each(before, causes)),
         log_evidence=explained,
-        excess_log_evidence=max(0.0, in_place, *alternatives.values()),
+        excess_log_evidence=max(0.0, more_in_place, *alternatives.values()),
         alternatives=alternatives,
         excluded=_excluded(ranking),
+        in_place=in_place,
     )
 
 

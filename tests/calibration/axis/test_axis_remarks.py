@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from calibration.axis import diagnose
+from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.recording.axis_header import AxisFile
 from calibration.recording.axis_recording import AxisRecording
 
@@ -32,3 +35,55 @@ def test_samples_that_are_averaged_are_told_with_how_many_they_become(monkeypatc
     (said,) = remarks_on(monkeypatch, 13_000, ratio=1.0)
     assert "to save time the 13000 samples were averaged to 4333, 3 at a time, one every 0.003 s" in said
     assert remarks_on(monkeypatch, 6_000, ratio=1.0) == ()
+
+
+def searched(
+    *logs: tuple[str, float], causes: int = 0, speed: float = 50.0, torque: float = 0.0, in_place: float = 0.0
+) -> SimpleNamespace:
+    """A search: evidence of effects by name, how many of them are causes, and evidence of arbitrary functions."""
+    ranking = tuple(SimpleNamespace(effect=SimpleNamespace(name=name), log_evidence=log) for name, log in logs)
+    more = in_place - ranking[0].log_evidence if causes else speed - max((log for _, log in logs), default=0.0)
+    return SimpleNamespace(
+        ranking=ranking,
+        causes=ranking[:causes],
+        log_evidence=sum(log for _, log in logs[:causes]),
+        excess_log_evidence=max(0.0, more, *((speed, torque) if causes else ())),
+        alternatives={"speed": speed, "torque": torque},
+        in_place={"acceleration": in_place, "torque": 0.0},
+    )
+
+
+@pytest.mark.parametrize(
+    ("search", "said"),
+    [
+        (
+            searched(("backlash", 300.0), ("ripple", 20.0), causes=2),
+            "most like backlash (300 of log evidence beside ripple), but something that depends on speed remains (50 more)",
+        ),
+        (
+            searched(("backlash", 300.0), causes=1, in_place=349.0),
+            "most like backlash (300 of log evidence alone), but something that depends on speed remains (50 more)",
+        ),
+        (
+            searched(("backlash", 300.0), causes=1, in_place=351.0),
+            "most like backlash (300 of log evidence alone), but an arbitrary function of acceleration in its place "
+            "explains more (51 more)",
+        ),
+        (
+            searched(("delay", 2.5), ("ripple", -1.0)),
+            "nearest comes delay, with 2.5 of log evidence of the 6 that an effect needs; an arbitrary function of speed "
+            "explains 48 more",
+        ),
+        (searched(("delay", -0.5)), "no effect explains any of it; an arbitrary function of speed does"),
+        (searched(torque=60.0), "no effect explains any of it; an arbitrary function of torque does"),
+    ],
+)
+def test_unknown_says_what_it_is_most_like_and_why_not_that(search, said):
+    assert diagnose._remarks(search, UNKNOWN) == (said,)
+
+
+@pytest.mark.parametrize(("speed", "verdict", "said"), [(9.9, "delay", 0), (10.1, "delay", 1), (10.1, NONE, 0)])
+def test_what_remains_beside_a_named_effect_is_told_from_ten_of_log_evidence_on(speed, verdict, said):
+    remarks = diagnose._remarks(searched(("delay", 300.0), causes=1, speed=speed), verdict)
+    assert len(remarks) == said
+    assert all("depends on speed remains (10 of log evidence, 300 explained)" in remark for remark in remarks)

@@ -38,7 +38,8 @@ class Cause:
     log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
-    without_curves: whether its curves were not fitted, to save time. departure_gain: of the log evidence, what smooth
+    without_curves: whether its curves were not fitted, to save time; unrefined: whether neither these nor departures
+    nor further places were tried, though its basis sets alone would be enough for a cause. departure_gain: of the log evidence, what smooth
     departures from its form add at `place`.
     """
 
@@ -50,6 +51,7 @@ class Cause:
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
     without_curves: bool = False
+    unrefined: bool = False
     departure_gain: float = 0.0
 
     @property
@@ -97,7 +99,8 @@ def rank_effects(
         rival = law_leads and bool(effect.curves_at(inputs, 0))
         least = VERDICT.detection_threshold if rival else threshold
         if (log_evidence := _total_log_evidence(places)) <= least:
-            causes.append(_cause(effect, places))
+            unrefined = log_evidence > VERDICT.detection_threshold
+            causes.append(replace(_cause(effect, places), unrefined=unrefined))
             continue
         curves = rival or log_evidence > VERDICT.curve_fit_share * strongest
         refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)

@@ -40,7 +40,8 @@ class SearchResult:
     most; likelihoods: without any of them and after each. log_evidence: of the causes together over `none`, less the
     penalty for more than one; excess_log_evidence: how much more the best non-parametric alternative has, alone or in
     addition to them. non_parametric: alternatives in addition to the causes; non_parametric_alone: alternatives without
-    any cause (empty if not needed).
+    any cause (empty if not needed). not_begun_with: names of effects with which the search did not begin, to save time,
+    though they explain enough alone.
     """
 
     ranking: tuple[Cause, ...]
@@ -50,6 +51,7 @@ class SearchResult:
     excess_log_evidence: float
     non_parametric: tuple[NonParametricEffect, ...]
     non_parametric_alone: tuple[NonParametricEffect, ...]
+    not_begun_with: tuple[str, ...] = ()
 
     @property
     def has_several_effects(self) -> bool:
@@ -152,14 +154,18 @@ def _search(
     begins with the next in the ranking and with each cause that was found later.
     """
     found = best = _include_from(likelihood, inputs, effects, ranking, by_visit=by_visit)
+    not_begun_with: list[str] = []
     if len(found.causes) > 1 or (found.causes and _is_much(found.left_over, found.log_evidence)):
         later = {cause.effect.name for cause in found.causes[1:]}
-        leaders = [c for place, c in enumerate(ranking[1:], 2) if place <= VERDICT.leaders or c.effect.name in later]
-        for leader in leaders:
-            if leader.log_evidence > VERDICT.leaders_share * found.log_evidence:
-                other = _include_from(likelihood, inputs, effects, [leader], by_visit=by_visit)
-                if other.log_evidence > best.log_evidence:
-                    best = other
+        for place, leader in enumerate(ranking[1:], 2):
+            if leader.log_evidence <= VERDICT.leaders_share * found.log_evidence:
+                continue
+            if place > VERDICT.leaders and leader.effect.name not in later:
+                not_begun_with.append(leader.effect.name)
+                continue
+            other = _include_from(likelihood, inputs, effects, [leader], by_visit=by_visit)
+            if other.log_evidence > best.log_evidence:
+                best = other
         ranking = _with_main_cause_first(ranking, best, best.log_evidence - found.log_evidence)
     parts, likelihoods = [part for cause in best.causes for part in cause.parts], list(best.likelihoods)
     if len(parts) > 1:
@@ -179,6 +185,7 @@ def _search(
         excess_log_evidence=max(best_log_evidence - best.log_evidence, 0.0),
         non_parametric=non_parametric,
         non_parametric_alone=non_parametric_alone,
+        not_begun_with=tuple(not_begun_with),
     )
 
 

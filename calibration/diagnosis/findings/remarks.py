@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from calibration.diagnosis.level_posterior import COLUMNS
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.ranking import Cause
@@ -116,10 +118,25 @@ def _named(cause: Cause) -> str:
 
 
 def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:
-    """What the search did not try, to save time."""
-    out = []
+    """What the search did not try, to save time, in one line; nothing where it tried all."""
+    cut, included = [], {cause.effect.name for cause in search_result.causes}
     if names := [cause.effect.name for cause in search_result.ranking if cause.without_curves]:
-        out.append(f"to save time the nonlinear laws of {' and '.join(names)} were not fitted: far from the strongest")
-    if len({cause.effect.name for cause in search_result.causes}) >= VERDICT.max_causes:
-        out.append(f"to save time no more than {VERDICT.max_causes} causes were looked for")
-    return tuple(out)
+        cut.append(f"the nonlinear laws of {_listed(names)} were not fitted: far from the strongest")
+    # What was included is refined beside the other causes.
+    ranked = [cause.effect.name for cause in search_result.ranking if cause.unrefined]
+    if names := [name for name in ranked if name not in included]:
+        cut.append(
+            f"of {_listed(names)} neither departures from the form nor nonlinear laws nor further places were tried: "
+            f"less than {VERDICT.refined_share:.0%} of the strongest's log evidence"
+        )
+    if names := [name for name in search_result.not_begun_with if name not in included]:
+        cut.append(f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did")
+    if len(included) >= VERDICT.max_causes:
+        cut.append(f"no more than {VERDICT.max_causes} causes were looked for")
+    return (f"to save time {'; '.join(cut)}",) if cut else ()
+
+
+def _listed(names: Sequence[str]) -> str:
+    """Names in words: a, b and c."""
+    *first, last = names
+    return f"{', '.join(first)} and {last}" if first else last

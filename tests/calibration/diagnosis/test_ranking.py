@@ -57,6 +57,7 @@ def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_w
     other = [("joint_clearance", limit + side > 0.5 * strongest)] if side > 0.0 or limit > 30.0 else []
     assert refined == [("column_compliance", True), *other]
     assert [c.without_curves for c in ranked] == [False, bool(other) and not other[0][1]]
+    assert [c.unrefined for c in ranked] == [False, not other and limit + side > 6.0]
 
 
 @pytest.mark.parametrize("side", [-0.1, 0.1])

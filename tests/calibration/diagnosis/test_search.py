@@ -183,8 +183,14 @@ def test_a_search_begins_with_the_fourth_of_the_ranking_too(monkeypatch):
         "none+payload": {"smr_reseat": 700.0},
     }
     assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["payload", "smr_reseat"]
+    assert search_with(monkeypatch, given).not_begun_with == ("payload",)
     given["none+smr_reseat"] = {}
     assert sorted(c.name for c in search_with(monkeypatch, given).causes) == ["latency", "refraction"]
+    given["none"]["payload"] = 0.39 * (1100.0 - 10.0 - 0.005 * 1100.0)
+    assert search_with(monkeypatch, given).not_begun_with == ()
+    given["none+refraction"] = {"payload": 100.0}
+    given["none"]["payload"] = 770.0
+    assert search_with(monkeypatch, given).not_begun_with == ()  # found later, so that a search began with it
 
 
 @pytest.mark.parametrize(("rest", "names"), [(17.4, ["refraction"]), (18.6, ["latency", "smr_reseat"])])

@@ -232,10 +232,38 @@ def test_a_departure_with_more_than_three_coordinates_is_one_with_all_that_varie
     assert "with all that varies (departures add 200" in remark
 
 
-def test_what_is_not_tried_to_save_time_is_said():
-    effects = [CATALOGUE.effect(name) for name in ("latency", "joint_clearance", "refraction", "payload")]
-    ranked = [SimpleNamespace(effect=effect, without_curves=effect.name == "joint_clearance") for effect in effects]
-    laws, causes = _cut_for_time(SimpleNamespace(ranking=ranked, causes=[*ranked[:1], *ranked]))
-    assert "joint_clearance" in laws
-    assert "3 causes" in causes
-    assert _cut_for_time(SimpleNamespace(ranking=ranked[:1], causes=[ranked[0], *ranked[:2]])) == ()
+def cut_of(*, laws=(), unrefined=(), not_begun_with=(), causes=("latency",)) -> tuple[str, ...]:
+    """The remark on a search in whose ranking these effects were cut."""
+    ranked = {
+        name: SimpleNamespace(effect=CATALOGUE.effect(name), without_curves=name in laws, unrefined=name in unrefined)
+        for name in ("latency", "joint_clearance", "refraction", "payload")
+    }
+    return _cut_for_time(
+        SimpleNamespace(
+            ranking=tuple(ranked.values()), causes=[ranked[name] for name in causes], not_begun_with=not_begun_with
+        )
+    )
+
+
+@pytest.mark.parametrize(
+    ("cut", "said"),
+    [
+        ({"laws": ("joint_clearance",)}, "the nonlinear laws of joint_clearance were not fitted"),
+        ({"unrefined": ("refraction",)}, "of refraction neither departures from the form nor nonlinear laws nor"),
+        ({"unrefined": ("refraction", "payload", "latency")}, "of refraction and payload neither"),
+        ({"unrefined": ("joint_clearance", "refraction", "payload")}, "of joint_clearance, refraction and payload"),
+        ({"unrefined": ("refraction",)}, "less than 25% of the strongest's log evidence"),
+        ({"not_begun_with": ("payload",)}, "no search for several causes began with payload: 4 stronger ones did"),
+        ({"causes": ("latency", "latency", "refraction", "payload")}, "no more than 3 causes were looked for"),
+    ],
+)
+def test_what_is_not_tried_to_save_time_is_said_with_its_name(cut, said):
+    (remark,) = cut_of(**cut)
+    assert remark.startswith("to save time ")
+    assert said in remark
+
+
+def test_what_is_not_tried_is_one_remark_and_none_where_all_was_tried():
+    assert len(cut_of(laws=("joint_clearance",), unrefined=("payload",), not_begun_with=("refraction",))) == 1
+    assert cut_of(causes=("latency", "latency", "refraction")) == ()
+    assert cut_of(unrefined=("latency",), not_begun_with=("latency",)) == ()  # refined beside the other causes

@@ -77,9 +77,25 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
             f"most like {_named(most_alike)} ({most_alike.log_evidence:.0f} of log evidence alone), but "
             f"{_why_not(search_result)}"
         )
+    elif verdict == UNKNOWN and search_result.non_parametric:
+        out.append(_nearest(search_result))
     if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
         out.append("the most probable single effect is not among those that together explain most")
     return tuple(out)
+
+
+def _nearest(search_result: SearchResult) -> str:
+    """The effect that comes nearest where none has enough evidence to be a cause, and how much it lacks."""
+    alternative = search_result.non_parametric[0]
+    other = f"an arbitrary function of {alternative.coordinate} at {alternative.channel} explains"
+    nearest = search_result.ranking[0] if search_result.ranking else None
+    if nearest is None or nearest.log_evidence <= 0.0:
+        return f"nothing in the catalogue explains any of it; {other} {alternative.log_evidence:.0f} of log evidence"
+    lacks = max(VERDICT.detection_threshold - nearest.log_evidence, 0.0)
+    return (
+        f"nearest comes {_named(nearest)} ({nearest.log_evidence:.1f} of log evidence), which lacks {lacks:.1f} to count "
+        f"as a cause; {other} {alternative.log_evidence:.0f}"
+    )
 
 
 def _why_not(search_result: SearchResult) -> str:

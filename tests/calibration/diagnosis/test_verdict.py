@@ -226,6 +226,39 @@ def test_unknown_says_what_speaks_against_the_likest_effect_what_departs_or_what
     assert ("backlash at right" in remark) is (excess < 12.0)
 
 
+@pytest.mark.parametrize(
+    ("causes", "said"),
+    [
+        (
+            (Evidence("backlash", 3.5), Evidence("latency", 1.0, "")),
+            "nearest comes backlash at left (3.5 of log evidence), which lacks 2.5 to count as a cause; an arbitrary "
+            "function of time at travel.left explains 40",
+        ),
+        (
+            (Evidence("latency", 0.1, ""),),
+            "nearest comes latency (0.1 of log evidence), which lacks 5.9 to count as a cause; an arbitrary function of "
+            "time at travel.left explains 40",
+        ),
+        (
+            (Evidence("latency", -0.1, ""),),
+            "nothing in the catalogue explains any of it; an arbitrary function of time at travel.left explains 40 of "
+            "log evidence",
+        ),
+        (
+            (),
+            "nothing in the catalogue explains any of it; an arbitrary function of time at travel.left explains 40 of "
+            "log evidence",
+        ),
+    ],
+)
+def test_unknown_without_a_cause_says_which_effect_comes_nearest_and_what_it_lacks(causes, said):
+    result = found(*causes, explained=0.0, excess=40.0)
+    result.causes = ()
+    result.non_parametric = (SimpleNamespace(channel="travel.left", coordinate="time", log_evidence=40.0),)
+    assert _of_verdict(result, UNKNOWN, noise_floor_m=5e-6) == (said,)
+    assert _of_verdict(result, NONE, noise_floor_m=5e-6) == ()
+
+
 def test_a_departure_with_more_than_three_coordinates_is_one_with_all_that_varies():
     result = found_beside(200.0, differs_with=("rest", "time", "payload", "side.left"))
     (remark,) = _of_verdict(result, UNKNOWN, noise_floor_m=5e-6)

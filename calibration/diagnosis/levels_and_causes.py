@@ -54,12 +54,27 @@ class SearchAtLevels:
 
 
 @dataclass(frozen=True)
+class ToldByForm:
+    """Effects that are no larger than a disturbance may be and were kept, as their form tells them from it.
+
+    log_posterior: what the explanation with them has over the one without.
+    """
+
+    names: tuple[str, ...]
+    log_posterior: float
+
+
+@dataclass(frozen=True)
 class LevelsAndCauses:
-    """The most likely explanation, and the log evidence that `none` has at other levels over that at these."""
+    """The most likely explanation, and the log evidence that `none` has at other levels over that at these.
+
+    told_by_form: None where no effect was kept for its form alone.
+    """
 
     likelihood: MarginalLikelihood
     result: SearchResult
     none_elsewhere: float
+    told_by_form: ToldByForm | None = None
 
 
 class SearchOfLevelsAndCauses:
@@ -84,17 +99,19 @@ class SearchOfLevelsAndCauses:
             least = max(WORTH_SEARCHING, SHARE_OF_EXCESS * declared.result.excess_log_evidence)
             if posterior.gain(x) > least and all(np.max(np.abs(x - search.levels)) > ALIKE for search in tried):
                 tried.append(self._search(x, self._effects))
+        told_by_form = None
         best, effects = max(tried, key=lambda search: search.log_posterior), self._effects
         while ordinary := self._no_more_than_disturbances(best.result.causes):
             effects = tuple(effect for effect in effects if effect not in ordinary)
             remaining = [cause for cause in best.result.causes if cause.effect not in ordinary]
             other = self._search(self._posterior_with(remaining).most_likely_ordinary(), effects)
-            if best.log_posterior - other.log_posterior > TOLD_BY_FORM:
+            if (gain := best.log_posterior - other.log_posterior) > TOLD_BY_FORM:
+                told_by_form = ToldByForm(tuple(effect.name for effect in ordinary), gain)
                 break
             tried.append(other)
             best = other
         most_of_none = max(search.log_evidence for search in tried)
-        return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence)
+        return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence, told_by_form)
 
     def _search(self, levels: Array, effects: Sequence[Effect]) -> SearchAtLevels:
         likelihood = self._likelihood

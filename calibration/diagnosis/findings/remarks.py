@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from calibration.diagnosis.level_posterior import COLUMNS
+from calibration.diagnosis.levels_and_causes import TOLD_BY_FORM, LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import FEW_COORDINATES, NONE, UNKNOWN
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
+from calibration.effects.api import MIN_RATIO_TO_DECLARED
 from calibration.recording.header import DisturbanceLevels
 
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
@@ -19,16 +21,17 @@ MUCH = 2.0  # times the stated level of a disturbance
 def remarks(
     linear: LinearisedReadings,
     stated: DisturbanceLevels,
-    search_result: SearchResult,
+    found: LevelsAndCauses,
     verdict: str,
     noise_floor_m: float | None,
 ) -> tuple[str, ...]:
-    """Readings that are far off and were kept, disturbances stronger than stated, what limits the verdict, and what was
-    not tried."""
-    here = linear.levels
+    """Readings that are far off and were kept, disturbances stronger than stated, effects that are no larger than these
+    may be, what limits the verdict, and what was not tried."""
+    here, search_result = linear.levels, found.result
     return (
         *_far_off(linear),
         *_stronger_disturbances(stated, here),
+        *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
         *_cut_for_time(search_result),
     )
@@ -55,6 +58,17 @@ def _stronger_disturbances(stated: DisturbanceLevels, here: DisturbanceLevels) -
             said = "declared" if key in stated.model_fields_set else "the default"
             stronger.append(f"{key} = {level:.2g} ({said}: {expected:.2g})")
     return (f"stronger disturbances than stated: {', '.join(stronger)}",) if stronger else ()
+
+
+def _kept_for_its_form(told: ToldByForm | None) -> tuple[str, ...]:
+    """Effects that are small enough for a disturbance and were kept all the same."""
+    if told is None:
+        return ()
+    return (
+        f"{_listed(told.names)}: less than {MIN_RATIO_TO_DECLARED:g} times what an ordinary disturbance may do (95 % point "
+        f"of its level), and kept only because the form tells it from one ({told.log_posterior:.0f} of log posterior "
+        f"over disturbances alone, {TOLD_BY_FORM:.0f} needed)",
+    )
 
 
 def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float | None) -> tuple[str, ...]:

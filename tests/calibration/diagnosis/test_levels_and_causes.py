@@ -67,11 +67,15 @@ def test_what_is_no_larger_than_its_disturbance_may_be_is_searched_for_no_more(m
     search = SearchOfLevelsAndCauses(likelihood, inputs, load_catalogue().effects)
     monkeypatch.setattr(levels_and_causes, "WORTH_SEARCHING", np.inf)
     monkeypatch.setattr(levels_and_causes, "TOLD_BY_FORM", -np.inf)  # an effect however little its form says
-    assert [cause.effect.name for cause in search.most_likely().result.causes] == ["tracker_drift"]
+    kept = search.most_likely()
+    assert [cause.effect.name for cause in kept.result.causes] == ["tracker_drift"]
+    assert kept.told_by_form.names == ("tracker_drift",)
+    assert kept.told_by_form.log_posterior < 20.0
     monkeypatch.undo()
     monkeypatch.setattr(levels_and_causes, "WORTH_SEARCHING", np.inf)
     found = search.most_likely()
     assert found.result.causes == ()
+    assert found.told_by_form is None
     assert found.likelihood.linear.recording.file.nuisance.drift_m > 2.0 * DeclaredLevels().drift_m
 
 

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
-from calibration.diagnosis.findings.remarks import _cut_for_time, _of_verdict
+from calibration.diagnosis.findings.remarks import _cut_for_time, _of_verdict, remarks
+from calibration.diagnosis.levels_and_causes import LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.verdict import presence_probability, probabilities
@@ -257,6 +258,24 @@ def test_unknown_without_a_cause_says_which_effect_comes_nearest_and_what_it_lac
     result.non_parametric = (SimpleNamespace(channel="travel.left", coordinate="time", log_evidence=40.0),)
     assert _of_verdict(result, UNKNOWN, noise_floor_m=5e-6) == (said,)
     assert _of_verdict(result, NONE, noise_floor_m=5e-6) == ()
+
+
+def test_an_effect_that_is_kept_for_its_form_alone_is_named():
+    told = ToldByForm(("tracker_drift", "backlash"), 37.4)
+    linear = SimpleNamespace(levels=DisturbanceLevels(), far_off=np.zeros(0))
+    result = found(Evidence("latency", 300.0, ""))
+    result.ranking = result.causes = ()
+    result.non_parametric, result.not_begun_with = (), ()
+    by_form, without = (
+        remarks(linear, DisturbanceLevels(), LevelsAndCauses(None, result, 0.0, kept), NONE, noise_floor_m=5e-6)
+        for kept in (told, None)
+    )
+    assert without == ()
+    (said,) = by_form
+    assert said.startswith("tracker_drift and backlash: less than 2 times what an ordinary disturbance may do")
+    assert (
+        "kept only because the form tells it from one (37 of log posterior over disturbances alone, 20 needed)" in said
+    )
 
 
 def test_a_departure_with_more_than_three_coordinates_is_one_with_all_that_varies():

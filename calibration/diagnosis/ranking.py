@@ -39,8 +39,8 @@ class Cause:
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
     without_curves: whether its curves were not fitted, to save time; unrefined: whether neither these nor departures
-    nor further places were tried, though its basis sets alone would be enough for a cause. departure_gain: of the log evidence, what smooth
-    departures from its form add at `place`.
+    nor further places were tried, though its basis sets alone would be enough for a cause. departure_gain: of the log
+    evidence, what smooth departures from its form add at `place`.
     """
 
     effect: Effect

@@ -65,9 +65,9 @@ def _kept_for_its_form(told: ToldByForm | None) -> tuple[str, ...]:
     if told is None:
         return ()
     return (
-        f"{_listed(told.names)}: less than {MIN_RATIO_TO_DECLARED:g} times what an ordinary disturbance may do (95 % point "
-        f"of its level), and kept only because the form tells it from one ({told.log_posterior:.0f} of log posterior "
-        f"over disturbances alone, {TOLD_BY_FORM:.0f} needed)",
+        f"{_listed(told.names)}: less than {MIN_RATIO_TO_DECLARED:g} times what an ordinary disturbance may do (95 % "
+        f"point of its level), and kept only because the form tells it from one ({told.log_posterior:.0f} of log "
+        f"posterior over disturbances alone, {TOLD_BY_FORM:.0f} needed)",
     )
 
 
@@ -107,8 +107,8 @@ def _nearest(search_result: SearchResult) -> str:
         return f"nothing in the catalogue explains any of it; {other} {alternative.log_evidence:.0f} of log evidence"
     lacks = max(VERDICT.detection_threshold - nearest.log_evidence, 0.0)
     return (
-        f"nearest comes {_named(nearest)} ({nearest.log_evidence:.1f} of log evidence), which lacks {lacks:.1f} to count "
-        f"as a cause; {other} {alternative.log_evidence:.0f}"
+        f"nearest comes {_named(nearest)} ({nearest.log_evidence:.1f} of log evidence), which lacks {lacks:.1f} to "
+        f"count as a cause; {other} {alternative.log_evidence:.0f}"
     )
 
 
@@ -157,7 +157,7 @@ def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:
     if names := [name for name in ranked if name not in included]:
         cut.append(
             f"of {_listed(names)} neither departures from the form nor nonlinear laws nor further places were tried: "
-            f"less than {VERDICT.refined_share:.0%} of the strongest's log evidence"
+            f"less than {100.0 * VERDICT.refined_share:.0f} % of the strongest's log evidence"
         )
     if names := [name for name in search_result.not_begun_with if name not in included]:
         cut.append(f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did")

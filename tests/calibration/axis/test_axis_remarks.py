@@ -58,7 +58,8 @@ def searched(
     [
         (
             searched(("backlash", 300.0), ("ripple", 20.0), causes=2),
-            "most like backlash (300 of log evidence beside ripple), but something that depends on speed remains (50 more)",
+            "most like backlash (300 of log evidence beside ripple), but something that depends on speed remains "
+            "(50 more)",
         ),
         (
             searched(("backlash", 300.0), causes=1, in_place=349.0),
@@ -71,8 +72,8 @@ def searched(
         ),
         (
             searched(("delay", 2.5), ("ripple", -1.0)),
-            "nearest comes delay, with 2.5 of log evidence of the 6 that an effect needs; an arbitrary function of speed "
-            "explains 48 more",
+            "nearest comes delay, with 2.5 of log evidence of the 6 that an effect needs; an arbitrary function of "
+            "speed explains 48 more",
         ),
         (searched(("delay", -0.5)), "no effect explains any of it; an arbitrary function of speed does"),
         (searched(torque=60.0), "no effect explains any of it; an arbitrary function of torque does"),

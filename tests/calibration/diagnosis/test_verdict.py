@@ -237,8 +237,8 @@ def test_unknown_says_what_speaks_against_the_likest_effect_what_departs_or_what
         ),
         (
             (Evidence("latency", 0.1, ""),),
-            "nearest comes latency (0.1 of log evidence), which lacks 5.9 to count as a cause; an arbitrary function of "
-            "time at travel.left explains 40",
+            "nearest comes latency (0.1 of log evidence), which lacks 5.9 to count as a cause; an arbitrary function "
+            "of time at travel.left explains 40",
         ),
         (
             (Evidence("latency", -0.1, ""),),
@@ -304,7 +304,7 @@ def cut_of(*, laws=(), unrefined=(), not_begun_with=(), causes=("latency",)) -> 
         ({"unrefined": ("refraction",)}, "of refraction neither departures from the form nor nonlinear laws nor"),
         ({"unrefined": ("refraction", "payload", "latency")}, "of refraction and payload neither"),
         ({"unrefined": ("joint_clearance", "refraction", "payload")}, "of joint_clearance, refraction and payload"),
-        ({"unrefined": ("refraction",)}, "less than 25% of the strongest's log evidence"),
+        ({"unrefined": ("refraction",)}, "less than 25 % of the strongest's log evidence"),
         ({"not_begun_with": ("payload",)}, "no search for several causes began with payload: 4 stronger ones did"),
         ({"causes": ("latency", "latency", "refraction", "payload")}, "no more than 3 causes were looked for"),
     ],

@@ -97,26 +97,26 @@ class DeclaredLevels(DisturbanceLevels):
     drift_m: float = Field(
         ge=0.0,
         default=3.0e-6,
-        description="Drift of the station's frame in an hour of rig time, a random walk: shift in all three directions, "
-        "and rotation as it shows 3 m away.",
+        description="Drift of the station's frame in an hour of rig time, a random walk: shift in all three "
+        "directions, and rotation as it shows 3 m away.",
     )
     reseat_m: float = Field(
         ge=0.0,
         default=2.0e-6,
-        description="Shift of a reflector, along each of the three axes, when it is put back into its nest: on platform "
-        "and sliders anew at each exchange of the payload, in floor nests at each check.",
+        description="Shift of a reflector, along each of the three axes, when it is put back into its nest: on "
+        "platform and sliders anew at each exchange of the payload, in floor nests at each check.",
     )
     reversal_m: float = Field(
         ge=0.0,
         default=1.0e-6,
-        description="Half the reversal error of a drive, along its own axis: half of what it is off between the two sides "
-        "it comes from; constant over the campaign.",
+        description="Half the reversal error of a drive, along its own axis: half of what it is off between the two "
+        "sides it comes from; constant over the campaign.",
     )
     temperature_k: float = Field(
         ge=0.0,
         default=0.02,
-        description="Slow variation of a part about its sensor, of each strut and, in proportion to its travel, of each "
-        "drive along its axis; in waves of 25 minutes and longer over the campaign.",
+        description="Slow variation of a part about its sensor, of each strut and, in proportion to its travel, of "
+        "each drive along its axis; in waves of 25 minutes and longer over the campaign.",
     )
 
 

@@ -50,6 +50,10 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
         leg_m = np.abs(q - context.previous_drives[:, other]) if "history" not in context.not_said else np.zeros(len(q))
         whatever_leg = cosine_basis(np.log(leg_m + SHORT_LEG_M), LEG_TERMS, constant=True)
         sets.add_set(sets.add((travel, push[:, None] * tensor_product(whatever_speed, whatever_leg))), weight=0.5)
+        # On the fly it comes as fast as asked, after a short approach perhaps not.
+        on_the_fly = context.moving.astype(np.float64)
+        both = np.column_stack([whatever_speed * (1.0 - on_the_fly)[:, None], whatever_speed * on_the_fly[:, None]])
+        sets.add_set(sets.add((travel, push[:, None] * both)), weight=0.5)
         for over in _coordinates_with(inputs, drive, other):
             along = context.drives @ np.array(over)
             for period, prior in inputs.periods(drive, *TURNS_M, over):

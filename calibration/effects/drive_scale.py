@@ -12,6 +12,8 @@ from calibration.effects.onsets import ONSET, untested_in_short_campaign
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.1  # of any course in time, as fine as that of settling, against steps
+MOTIONS_WEIGHT = 0.1  # of what its own motions leave of a zero
+HEAT_S = (300.0, 900.0, 2700.0)  # in which a part near its reading head forgets their heat
 EACH_TIME_TERMS = 12  # of any function of the number of the exchange
 EXCHANGES_WEIGHT = 0.02  # of one at each payload exchange, whose moment is known
 
@@ -49,6 +51,10 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
     of_scale, of_zero = (course_with_jumps(t, COURSE_TERMS, [at for at, _ in onsets]) for onsets in (scales, zeros))
     sets.add_set(scale(of_scale), zero(of_scale), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))
     sets.add_set(zero(of_zero), (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
+    if (added := _added_by_motions(inputs, drive)) is not None:  # a belt that creeps, steps that are lost
+        sets.add_set(zero(added), (), weight=MOTIONS_WEIGHT)
+        heats = [_to_one(inputs.context.motion_heat(drive, tau_s)) for tau_s in HEAT_S]
+        sets.add_set(zero(np.column_stack(heats)), (), weight=MOTIONS_WEIGHT)
     exchanges = np.unique(inputs.context.exchanges)[1:]
     if exchanges.size:  # somebody was in the cell: the drives were switched off, and homed again
         since = (inputs.context.exchanges[:, None] >= exchanges).astype(np.float64)
@@ -56,6 +62,24 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
         each_time = cosine_basis(inputs.context.exchanges, min(EACH_TIME_TERMS, exchanges.size), roughness=0.5)
         sets.add_set(zero(each_time), (), weight=EXCHANGES_WEIGHT, **strongest_onset(zeros))
     return sets
+
+
+def _added_by_motions(inputs: EffectInputs, drive: int) -> Array | None:
+    """Sums (n, 6) over all motions so far, up and down apart: their way, their number, their speed; each ends at one.
+
+    None where the readings do not say how the drives came there.
+    """
+    context = inputs.context
+    if {"history", "speed_m_per_s"} & context.not_said.keys():
+        return None
+    way_m = np.diff(context.history.drives[:, drive], prepend=context.history.drives[:1, drive])
+    each = np.column_stack([np.abs(way_m), np.ones_like(way_m), context.approach_speed_m_per_s])
+    so_far = [np.cumsum(each * (side * way_m > 0.0)[:, None], axis=0)[context.arrival] for side in (1.0, -1.0)]
+    return np.column_stack([_to_one(column) for sums in so_far for column in sums.T])
+
+
+def _to_one(shape: Array) -> Array:
+    return np.asarray(shape / max(float(shape.max()), 1e-300))
 
 
 EFFECTS = (

@@ -17,6 +17,7 @@ from calibration.effects.onsets import ONSET, untested_in_short_campaign
 from calibration.recording.header import HOUR_S
 
 SHORTEST_WAVE_M = 0.06
+SLAB_S, SLAB_WEIGHT = (0.0, 1500.0), 0.3  # of what a floor follows, at once on top and late below
 ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
 UNEVEN_WAVE_M, UNEVEN_WEIGHT = 0.02, 0.3  # shortest wave of a rail that its bolts draw down
@@ -88,6 +89,9 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
         for tau in SETTLING_S:
             down, lean = columns(1.0 - np.exp(-np.maximum(t - onset, 0.0) / tau), "consolidation")
             sets.add_set(down, lean, share=0.5, onset_s=float(onset))
+    if temperatures := inputs.context.relative_changes(inputs.context.temperatures_c, SLAB_S):  # a slab that curls
+        down, lean = columns(np.column_stack([change for change, _ in temperatures]))
+        sets.add_set(down, lean, share=0.5, weight=SLAB_WEIGHT)
     course = course_with_jumps(t, 24, [onset for onset, _ in onsets])
     down, lean = columns(course)
     of_each = [lean[k : k + len(down)] for k in range(0, len(lean), len(down))]

@@ -70,16 +70,21 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
     """
     sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
     side, u = context.direction[:, drive], inputs.normalised_travel(drive)
-    force = _torque_at_rest(inputs, drive) * RATED_N
-    force = force - force.mean()
-    weight = _weight_share(inputs, drive, force)
     mass = inputs.machine.moving_mass_kg + context.payload_kg
     heaviest = max(float(mass.max()), LEAST_KG)
     pressed = FRICTION_SHARE * RATED_N * side * mass / heaviest
     fast = scale_to_symmetric(context.speed_m_per_s)
     fast = fast - fast.mean()  # without what does not vary: that would be play
     along = cosine_basis(context.drives[:, drive], LENGTH_TERMS)
-    for form, wound in (("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)):
+    levers: list[tuple[str, Array]] = [("coulomb", pressed), ("constant", FRICTION_SHARE * RATED_N * side)]
+    by_torque: list[tuple[str, Array]] = []
+    if _torque_varies(inputs):
+        force = _torque_at_rest(inputs, drive) * RATED_N
+        force = force - force.mean()
+        weight = _weight_share(inputs, drive, force)
+        by_torque = [("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)]
+        levers.insert(0, by_torque[0])
+    for form, wound in by_torque:
         size = max(float(np.std(wound)), 1.0)
         main = sets.add((travel, -wound), form=form)
         bent = sets.add((travel, np.stack([wound**2 / size, wound**3 / size**2], axis=1)), form=f"{form}_bent")
@@ -95,7 +100,7 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(main, (*faster, *sets.add((travel, -pressed * u), form="coulomb_by_length")), share=0.3)
     low, high = inputs.machine.travel[drive]
     length = (context.drives[:, drive] - low) / (high - low)
-    for form, wound in (("torque", force), ("coulomb", pressed), ("constant", FRICTION_SHARE * RATED_N * side)):
+    for form, wound in levers:
         for lever in (length, 1.0 - length):
             sets.add_set(sets.add((travel, -wound * lever), form=f"{form}_by_length"), faster, share=0.3)
     return sets
@@ -120,9 +125,14 @@ def _torque_at_rest(inputs: EffectInputs, drive: int) -> Array:
     return np.where(at_rest, torque, regressors @ coefficients)
 
 
-def _untested_without_torque(inputs: EffectInputs) -> str | None:
-    if not varies(inputs.context.torque, 1e-3):
-        return "the recording holds no varied torque"
+def _torque_varies(inputs: EffectInputs) -> bool:
+    return "torque" not in inputs.context.not_said and varies(inputs.context.torque, 1e-3)
+
+
+def _untested_without_force(inputs: EffectInputs) -> str | None:
+    """Friction that is not seen in a torque is told from play by what presses on the nut."""
+    if not _torque_varies(inputs) and not varies(inputs.payload_ratio, PRESSED_LEAST):
+        return "the recording holds neither a varied torque nor a varied payload"
     return _untested_from_one_side(inputs)
 
 
@@ -152,7 +162,7 @@ EFFECTS = (
         reveals="torque: both directions and payloads",
         confounded=("backlash", "column_compliance"),
         forms=friction_windup,
-        untested=_untested_without_torque,
+        untested=_untested_without_force,
         textbook=Textbook("torque", "Slocum, Precision Machine Design: wind-up of a screw, Hooke's law"),
         differs_by_visit=True,
         varies_with=VARIES_WITH,

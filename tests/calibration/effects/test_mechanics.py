@@ -37,6 +37,20 @@ def test_friction_holds_a_slider_back_and_the_more_the_heavier_its_load(inputs):
     assert max(alike) > 1.0 - 1e-9
 
 
+def test_friction_is_told_from_play_by_the_load_where_no_torque_was_recorded(inputs):
+    """Of a recording without torque its column is zero; of one payload nothing is left."""
+    effect = load_catalogue().effect("friction_windup")
+    no_torque = replace(inputs, context=replace(inputs.context, torque=np.zeros_like(inputs.context.torque)))
+    assert effect.untested(no_torque) is None
+    forms = set(effect.forms(no_torque, 0).named)
+    assert {"coulomb", "viscous"} <= forms
+    assert not any("torque" in form for form in forms)
+    assert any("torque" in form for form in effect.forms(inputs, 0).named)
+    nothing = np.zeros_like(inputs.context.payload_kg)
+    one_payload = replace(no_torque, context=replace(no_torque.context, payload_kg=nothing))
+    assert effect.untested(one_payload) == "the recording holds neither a varied torque nor a varied payload"
+
+
 def test_a_warm_screw_that_is_held_below_lifts_its_slider_the_more_the_higher_it_stands(inputs):
     context, travel = inputs.context, inputs.machine.travel
     sensor = inputs.machine.sensors["drives"]

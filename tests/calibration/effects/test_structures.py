@@ -10,11 +10,13 @@ from tests.calibration.effects.general_functions import typical_inputs
 
 CATALOGUE = load_catalogue()
 LEAST = 0.98  # of the square of a law
-# Any curve over time explains nearly as much of these in a campaign as short as this one.
+# Any curve over time, or of speed and leg, explains nearly as much of these in a campaign as short as this one.
 LEAST_OF_SLOW = {
     "column_thermal_growth": 0.999, "screw_thermal_growth": 0.999, "column_thermal_growth__mixture": 1.0 - 1e-8,
     "refraction__between_parts": 1.0 - 1e-8, "link_thermal_growth__two_heats": 1.0 - 1e-8,
-    "screw_thermal_growth__two_heats": 1.0 - 1e-8,
+    "screw_thermal_growth__two_heats": 1.0 - 1e-8, "axis_coupling__pushed": 1.0 - 1e-8,
+    "drive_scale__creeping_belt": 1.0 - 1e-8, "drive_scale__warm_holder": 1.0 - 1e-8,
+    "foundation_settling__curls": 1.0 - 1e-8,
 }  # fmt: skip
 
 
@@ -244,6 +246,38 @@ def axis_coupling__mixed_signals(inputs):
     return {"travel.left": np.sin(2.0 * np.pi * (q[:, 0] - q[:, 1]) / period_m(inputs) + 1.1)}
 
 
+def axis_coupling__pushed(inputs):
+    """The other axis pushes while it comes: as fast as asked on the fly, and slower after an approach too short."""
+    context = inputs.context
+    speed = np.where(context.moving, context.speed_m_per_s, np.minimum(context.speed_m_per_s, 0.22))
+    return {"travel.left": context.direction[:, 1] * speed**1.5}
+
+
+def backlash__turned(inputs):
+    """A loop of friction and play that closes over a few centimetres: narrower where the drive has just turned."""
+    context = inputs.context
+    ahead = context.direction[:, 0] * (context.drives - context.previous_drives)[:, 0]
+    return {"travel.left": -0.5 * context.direction[:, 0] * np.where(ahead < 0.0, 0.6, 1.0)}
+
+
+def drive_scale__creeping_belt(inputs):
+    """A belt that creeps on its wheel, more under load, which is where it moves up."""
+    up, down = (np.cumsum(np.maximum(side * moved_m(inputs, 0), 0.0))[inputs.context.arrival] for side in (1.0, -1.0))
+    return {"travel.left": 1.3 * up - 0.9 * down}
+
+
+def drive_scale__warm_holder(inputs):
+    """The holder of a reading head, which its drive's motions warm."""
+    return {"travel.left": faded(inputs, np.abs(moved_m(inputs, 0)), 900.0)}
+
+
+def foundation_settling__curls(inputs):
+    """A slab that is warmer on top than below."""
+    air = (inputs.context.part_temperature_k("air", tau_s) for tau_s in (0.0, 1500.0))
+    top, bottom = air
+    return {"travel.left": bottom - top}
+
+
 def period_m(inputs) -> float:
     ((period_m, _),) = inputs.periods(0, 2.0e-4, 6.0e-2, (0.0, 1.0))
     return period_m
@@ -263,7 +297,8 @@ LAWS = (
 )  # fmt: skip
 LAWS_OF_LONG = (
     guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks, guide_straightness__bolts,
-    guide_angular__driven_off_centre, latency__steered_clock, axis_coupling__turns, axis_coupling__mixed_signals,
+    guide_angular__driven_off_centre, latency__steered_clock, axis_coupling__turns, axis_coupling__mixed_signals, axis_coupling__pushed, backlash__turned,
+    drive_scale__creeping_belt, drive_scale__warm_holder, foundation_settling__curls,
 )  # fmt: skip
 
 
@@ -274,7 +309,7 @@ def test_a_law_of_what_an_effect_may_depend_on_is_within_one_basis_set(inputs, l
 
 @pytest.mark.parametrize("law", LAWS_OF_LONG, ids=lambda law: law.__name__)
 def test_a_law_that_shows_in_many_visits_is_within_one_basis_set(long_inputs, law):
-    assert explained(long_inputs, law) > LEAST
+    assert explained(long_inputs, law) > LEAST_OF_SLOW.get(law.__name__, LEAST)
 
 
 def explained(inputs, law) -> float:

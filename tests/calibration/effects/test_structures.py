@@ -297,7 +297,8 @@ LAWS = (
 )  # fmt: skip
 LAWS_OF_LONG = (
     guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks, guide_straightness__bolts,
-    guide_angular__driven_off_centre, latency__steered_clock, axis_coupling__turns, axis_coupling__mixed_signals, axis_coupling__pushed, backlash__turned,
+    guide_angular__driven_off_centre, latency__steered_clock, axis_coupling__turns, axis_coupling__mixed_signals,
+    axis_coupling__pushed, backlash__turned,
     drive_scale__creeping_belt, drive_scale__warm_holder, foundation_settling__curls,
 )  # fmt: skip
 

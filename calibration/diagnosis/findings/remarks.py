@@ -15,6 +15,7 @@ from calibration.effects.api import MIN_RATIO_TO_DECLARED
 from calibration.recording.header import DisturbanceLevels
 
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
+MOST_LISTED = 4  # names in a remark
 MUCH = 2.0  # times the stated level of a disturbance
 
 
@@ -167,6 +168,8 @@ def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:
 
 
 def _listed(names: Sequence[str]) -> str:
-    """Names in words: a, b and c."""
+    """Names in words: a, b and c; of many the first few and how many more."""
+    if len(names) > MOST_LISTED:
+        return f"{', '.join(names[: MOST_LISTED - 1])} and {len(names) - MOST_LISTED + 1} more"
     *first, last = names
     return f"{', '.join(first)} and {last}" if first else last

@@ -11,8 +11,8 @@ from calibration.effects.basis_functions import cosine_basis, random_walk_basis,
 REFERENCE_SPEED_M_PER_S = 0.5
 DWELL_TIMES_S = geometric_series(0.5, 16.0, 7)
 CAPS_M_PER_S = (10.0, 0.3, 0.2, 0.15, 0.125)
-TURNS_M, TURNS_WEIGHT = (2.0e-4, 6.0e-2), 0.3  # periods over the other's coordinate, or over the difference of both
-FEWEST_POSITIONS = 30  # below which periods are not told apart
+TURNS_M, TURNS_WEIGHT = (1.0e-3, 6.0e-2), 0.3  # periods over the other's coordinate, or over the difference of both
+FEWEST_POSITIONS = 100  # of fewer, some wave explains a sixth of anything by chance
 OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and of the one that is shifted
 SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
 SHORT_LEG_M = 0.01  # below which a leg's length does not matter
@@ -64,7 +64,7 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
 
 def _coordinates_with(inputs: EffectInputs, drive: int, other: int) -> tuple[tuple[float, ...], ...]:
     """Weights of the drives' coordinates over which errors of a drive may repeat with another: the other's alone, as of
-    its screw that turns, and the difference of both, as of signals that mix. None on a grid."""
+    its screw that turns, and the difference of both, as of signals that mix. None where the other had few positions."""
     if len(np.unique(np.round(inputs.context.drives[:, other], 7))) < FEWEST_POSITIONS:
         return ()
     own, others = np.eye(len(inputs.machine.drive_names))[[drive, other]]

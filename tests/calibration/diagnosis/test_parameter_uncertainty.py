@@ -148,7 +148,7 @@ def test_a_period_over_another_drive_s_coordinate_is_found_with_its_uncertainty(
         turn = 2.0 * np.pi * (a.drives @ np.array(weights)) / true_m
         return 4.0e-5 * np.sin(turn)[:, None] * np.array([1.0, 0.0])
 
-    diagnosis = diagnose(simulated("planar4", 80, wave))
+    diagnosis = diagnose(simulated("planar4", 160, wave))
     assert diagnosis.verdict == "axis_coupling"
     (found,) = diagnosis.effects
     (period,) = found.others

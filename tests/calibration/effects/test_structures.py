@@ -279,7 +279,7 @@ def foundation_settling__curls(inputs):
 
 
 def period_m(inputs) -> float:
-    ((period_m, _),) = inputs.periods(0, 2.0e-4, 6.0e-2, (0.0, 1.0))
+    ((period_m, _),) = inputs.periods(0, 1.0e-3, 6.0e-2, (0.0, 1.0))
     return period_m
 
 

@@ -139,8 +139,11 @@ def test_a_period_is_known_the_better_the_stronger_its_wave_is(amplitude_m, larg
     assert abs(period.value - true_m) < 3.0 * period.u
 
 
-@pytest.mark.parametrize("weights", [(0.0, 1.0), (-1.0, 1.0)], ids=["the other", "the difference"])
-@pytest.mark.parametrize(("true_m", "largest_u_m"), [(0.0137, 2.0e-5), (1.2e-3, 2.0e-7)])
+@pytest.mark.parametrize(
+    ("weights", "true_m", "largest_u_m"),
+    [((0.0, 1.0), 0.0137, 2.0e-5), ((-1.0, 1.0), 1.2e-3, 2.0e-7)],
+    ids=["the other", "the difference"],
+)
 def test_a_period_over_another_drive_s_coordinate_is_found_with_its_uncertainty(weights, true_m, largest_u_m):
     """Of what errs along the first drive only, by an amount that is not a share of any travel."""
 

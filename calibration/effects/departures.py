@@ -71,14 +71,14 @@ def _coordinates(
         out.append((kind, f"travel.{name}", context.drives[:, d], OWN_TERMS if d in own else OTHER_TERMS))
     moved = "history" not in context.not_said
     if moved and "approach" in kinds:
-        ahead = context.direction * (context.drives - context.previous_drives)
-        approach = np.abs(context.drives - context.previous_drives)
+        leg_m = context.drives - context.previous_drives
     for d in own:
         name = machine.drive_names[d]
         out.append(("side", f"side.{name}", context.direction[:, d], 1))
         if moved and "approach" in kinds:
-            out.append(("approach", f"approach.{name}", approach[:, d], OTHER_TERMS))
-            out.append(("approach", f"turned.{name}", (ahead[:, d] < 0.0).astype(np.float64), 1))
+            out.append(("approach", f"approach.{name}", np.abs(leg_m[:, d]), OTHER_TERMS))
+            turned = context.direction[:, d] * leg_m[:, d] < 0.0
+            out.append(("approach", f"turned.{name}", turned.astype(np.float64), 1))
         if moved and "way" in kinds:
             out.append(("way", f"way.{name}", context.way_m(d), TIME_TERMS))
     out += [

@@ -92,7 +92,7 @@ class Runner:
             progress=progress,
             note=note,
             waiting=WaitingDevice(self._worker, self._waiting, tags),
-            nest_shift_m=lambda: float(nest_shift(store.recording(campaign))[1][-1]),
+            nest_shift_m=lambda: float(nest_shift(store.recording(campaign, phase="nests"))[1][-1]),
         )
         self._engine = RunEngine({}, context_managers=[], during_task=_UntilDone())
         self._engine.log.logger.addHandler(logging.NullHandler())  # causes are raised, not logged with tracebacks

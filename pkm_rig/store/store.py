@@ -226,9 +226,16 @@ class Store:
         with self.reading() as connection, damage_of(self.name, campaign):
             return RecordingFile.model_validate(self._campaign(connection, campaign).description)
 
-    def recording(self, campaign: str) -> Recording:
-        """All readings of a campaign; InputError if it is unknown or has none, StoreError if one is damaged."""
+    def recording(self, campaign: str, *, phase: str | None = None) -> Recording:
+        """All readings of a campaign, or those of one phase, which takes a fraction of the time.
+
+        Raises InputError if it is unknown or has none, StoreError if one that is read is damaged.
+        """
         query = sa.select(readings).where(readings.c.campaign == campaign).order_by(readings.c.sequence)
+        if phase is not None:
+            # Rows that are not chained may be in another form of JSON.
+            forms = (f'"phase":{space}{canonical(phase)}' for space in ("", " "))
+            query = query.where(sa.or_(*(readings.c.data.contains(form, autoescape=True) for form in forms)))
         with self.reading() as connection:
             head = self._campaign(connection, campaign)
             rows = self._rows(connection, campaign)

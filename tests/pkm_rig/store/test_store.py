@@ -33,6 +33,16 @@ def test_what_goes_in_comes_out(store, recording):
     assert store.campaigns()[0][3] == len(recording)
 
 
+def test_one_phase_comes_out_alone(store, recording):
+    store.add_recording(recording)
+    name, nests = recording.file.campaign, recording.rows("nests")
+    again = store.recording(name, phase="nests")
+    assert 0 < len(again) < len(recording)
+    assert all((again.columns[n] == nests.columns[n]).all() for n in nests.columns)
+    with pytest.raises(InputError, match="no readings"):
+        store.recording(name, phase="nest_")
+
+
 def test_a_reading_is_on_disk_when_the_call_returns(store, recording):
     store.add_campaign(recording.file, recording.machine.text)
     store.add_reading(recording.file.campaign, "a", 0, {"value": 0.1})

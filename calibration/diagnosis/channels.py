@@ -74,12 +74,13 @@ class Channels:
 
     @property
     def reflector_axes(self) -> tuple[int, ...]:
-        """Axes of the machine along which reflectors have channels."""
+        """Axes of the machine along which a reflector that is put back says how well reflectors are seated."""
         return self._flat
 
     def reflector_channels(self, smr: int) -> tuple[str, ...]:
-        """Channels of a reflector on its part."""
-        return tuple(f"smr.{self.machine.smrs[smr].name}.{AXES[k]}" for k in self._flat)
+        """Channels of a reflector on its part: it may be put beside its place, and off the plane of a machine that moves
+        in one."""
+        return tuple(f"smr.{self.machine.smrs[smr].name}.{axis}" for axis in AXES)
 
     def _across(self, drive: int) -> tuple[str, ...]:
         if self.machine.drive_kinds[drive] != "slider":

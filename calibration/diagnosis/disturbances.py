@@ -95,7 +95,8 @@ def _add_station(named: _Columns, levels: DisturbanceLevels, accuracy: AccuracyE
         after_exchange = (context.exchanges[:, None] == numbers).astype(np.float64) * levels.reseat_m
         for i in sorted(set(observed.smr[observed.on_platform].tolist())):
             for name in channels.reflector_channels(i):
-                named.add(name, after_exchange, "reseat")
+                if "xyz".index(name[-1]) in channels.reflector_axes:
+                    named.add(name, after_exchange, "reseat")
         _add_other_seats(named, levels.reseat_m)
 
 

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Sequence
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
@@ -16,7 +18,7 @@ from calibration.effects.api import EffectInputs, Periods
 from calibration.machine.sensitivity import Sensitivity
 
 ONSETS_APART_S = 40.0
-MAX_ONSETS = 6
+MAX_ONSETS, MAX_FURTHER_ONSETS = 6, 2
 Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 
 
@@ -109,26 +111,49 @@ def _periodogram(
 def strongest_onsets(likelihood: MarginalLikelihood, channels: Sequence[str]) -> list[tuple[float, float]]:
     """Times, in s since the campaign's start, of the most likely lasting changes of some channels, with their prior.
 
-    The likelihood ratio of a step at every arrival, a constant projected out; peaks at least ONSETS_APART_S apart.
+    The likelihood ratio of a step at every arrival, a constant projected out; peaks at least ONSETS_APART_S apart. The
+    last of them are the most likely ones beside a step at the first: what comes back hides in a single step.
     """
     context = likelihood.linear.context
     order = np.argsort(context.t_s, kind="stable")
     t = context.elapsed_s[order]
-    gain = np.zeros(len(t))
-    for channel in channels:
-        response = likelihood.response(channel)[order]
-        information = np.cumsum(np.sum(response**2, axis=1)[::-1])[::-1]
-        score = np.cumsum(np.sum(response * likelihood.weighted_residual[order], axis=1)[::-1])[::-1]
-        share = information / max(float(information[0]), 1e-300)
-        remaining = information * (1.0 - share)
-        gain += np.where(remaining > 0.0, (score - score[0] * share) ** 2, 0.0) / np.maximum(remaining, 1e-300)
+    sums = [_sums_from_each(likelihood, channel, order) for channel in channels]
     arrivals = np.flatnonzero(np.diff(context.arrival[order], prepend=-1) != 0)
     arrivals = arrivals[t[arrivals] > 0.0]
-    onsets_s: list[float] = []
-    for row in arrivals[np.argsort(gain[arrivals])[::-1]]:
-        onset_s = 0.5 * float(t[row] + t[row - 1])  # between the last reading before and the first one after
-        if all(abs(onset_s - other) > ONSETS_APART_S for other in onsets_s):
-            onsets_s.append(onset_s)
-        if len(onsets_s) == MAX_ONSETS:
-            break
-    return [(onset_s, 1.0 / max(len(arrivals), 1)) for onset_s in onsets_s]
+    rows: list[int] = []
+    for beside, most in ((0, MAX_ONSETS), (1, MAX_ONSETS + MAX_FURTHER_ONSETS)):
+        gain = _gain_of_step(sums, sorted(rows[:beside]), len(t))
+        for row in arrivals[np.argsort(gain[arrivals])[::-1]]:
+            if len(rows) == most:
+                break
+            if all(abs(_between(t, row) - _between(t, other)) > ONSETS_APART_S for other in rows):
+                rows.append(int(row))
+    return [(_between(t, row), 1.0 / max(len(arrivals), 1)) for row in rows]
+
+
+def _between(t_s: Array, row: int) -> float:
+    """The middle between a reading and the last before it, in time."""
+    return 0.5 * float(t_s[row] + t_s[row - 1])
+
+
+def _sums_from_each(likelihood: MarginalLikelihood, channel: str, order: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Information and score (n + 1,) of a channel over all readings from each one on, in an order."""
+    response = likelihood.response(channel)[order]
+    information = np.sum(response**2, axis=1)
+    score = np.sum(response * likelihood.weighted_residual[order], axis=1)
+    information_from, score_from = (np.append(np.cumsum(x[::-1])[::-1], 0.0) for x in (information, score))
+    return information_from, score_from
+
+
+def _gain_of_step(sums: Sequence[tuple[Array, Array]], steps: Sequence[int], n: int) -> Array:
+    """Twice the log likelihood ratio (n,) of a step at each reading beside some steps, a constant projected out."""
+    gain = np.zeros(n)
+    for begin, end in itertools.pairwise((0, *steps, n)):
+        rows = slice(begin, end)
+        for information_from, score_from in sums:
+            information, score = information_from[rows] - information_from[end], score_from[rows] - score_from[end]
+            share = information / max(float(information[0]), 1e-300)
+            remaining = information * (1.0 - share)
+            squares = (score - score[0] * share) ** 2 / np.maximum(remaining, 1e-300)
+            gain[rows] += np.where(remaining > 0.0, squares, 0.0)
+    return gain

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.alike_places import AlikeAtAllPlaces, alike_at_all_places
 from calibration.diagnosis.basis_set_evidence import (
     BasisSetEvidence,
     evidence_of_basis_sets,
@@ -28,6 +29,7 @@ from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
+ALIKE_PRIOR = math.log(4.0)  # log odds against all places alike: half of all sets of several places
 FAR_BELOW = 30.0  # log evidence of a basis set below the best one at its place that decides nothing
 
 
@@ -38,6 +40,7 @@ class Cause:
     log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
+    alike: whether it is at all of its places alike, so that each of them is as likely as all.
     without_curves: whether its curves were not fitted, to save time; unrefined: whether neither these nor departures
     nor further places were tried, though its basis sets alone would be enough for a cause. departure_gain: of the log
     evidence, what smooth departures from its form add at `place`.
@@ -50,6 +53,7 @@ class Cause:
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
+    alike: bool = False
     without_curves: bool = False
     unrefined: bool = False
     departure_gain: float = 0.0
@@ -95,17 +99,18 @@ def rank_effects(
     law_leads = leader is not None and bool(leader[0].curves_at(inputs, 0))
     causes = []
     for effect, places in by_effect:
+        alike = _alike(likelihood, inputs, effect, places, threshold)
         # Where a nonlinear law leads, the basis sets of another one say little of what its curve explains.
         rival = law_leads and bool(effect.curves_at(inputs, 0))
         least = VERDICT.detection_threshold if rival else threshold
         if (log_evidence := _total_log_evidence(places)) <= least:
             unrefined = log_evidence > VERDICT.detection_threshold
-            causes.append(replace(_cause(effect, places), unrefined=unrefined))
+            causes.append(_or_alike(replace(_cause(effect, places), unrefined=unrefined), alike))
             continue
         curves = rival or log_evidence > VERDICT.curve_fit_share * strongest
         refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)
         cause = replace(_cause(effect, refined), without_curves=not curves and bool(effect.curves_at(inputs, 0)))
-        causes.append(_at_several_places(likelihood, inputs, cause, by_visit=by_visit))
+        causes.append(_or_alike(_at_several_places(likelihood, inputs, cause, by_visit=by_visit), alike))
     return first_likely(causes)
 
 
@@ -154,6 +159,37 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
         sets.append((log_evidence - math.log(alike), further))
     _, likeliest = max(sets, key=lambda entry: entry[0])
     return replace(cause, log_evidence=float(log_sum(np.array([log for log, _ in sets]))), further=likeliest)
+
+
+def _alike(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, places: Sequence[_PlaceEvidence], least: float
+) -> AlikeAtAllPlaces | None:
+    """The effect at all of its places alike, if what these explain each is together worth it."""
+    names = effect.places(inputs.machine)
+    if len(names) < 2 or effect.place == "smr":  # all reflectors that move together are a platform that moves
+        return None
+    alone = [place.log_evidence + math.log(len(names)) for place in places]
+    if len(alone) < len(names) or sum(max(log, 0.0) for log in alone) <= least:
+        return None
+    return alike_at_all_places(likelihood, inputs, effect, smallest_size(likelihood, effect))
+
+
+def _or_alike(cause: Cause, alike: AlikeAtAllPlaces | None) -> Cause:
+    """The cause, or the same effect at all places alike if that is likelier; its evidence is that of both."""
+    if alike is None:
+        return cause
+    together = alike.log_evidence - ALIKE_PRIOR
+    log_evidence = float(np.logaddexp(cause.log_evidence, together))
+    if together <= cause.log_evidence:
+        return replace(cause, log_evidence=log_evidence)
+    main, *further = (
+        Cause(
+            cause.effect, together / len(alike.parts), {part.place: 1.0}, part.place, part.best, part.contributions,
+            alike=True,
+        )
+        for part in sorted(alike.parts, key=lambda part: -abs(part.best.coefficients[0]))
+    )  # fmt: skip
+    return replace(main, log_evidence=log_evidence, further=tuple(further))
 
 
 @dataclass(frozen=True)

@@ -275,6 +275,9 @@ def _refit_causes(
     """Each cause in its best basis set, given the others in the model; the strongest first."""
     refitted: list[Cause] = []
     for number in range(len(causes)):
+        if causes[number].alike:  # each of its places has little evidence given the others
+            refitted.append(causes[number])
+            continue
         likelihood_of_others = likelihood
         for other in (*refitted, *causes[number + 1 :]):
             likelihood_of_others = include_cause(likelihood_of_others, other)

@@ -14,9 +14,13 @@ from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 ONSETS = 12
 WARM_UP_S = (900.0, 2700.0)
 CREEP_S = 900.0
+LATE_AIR_S, LATE_AIR_WEIGHT = (900.0, 3600.0), 0.5  # in which what carries the station takes up the air's warmth
+SEVERAL_WEIGHT = 0.5  # of several displacements against one
 PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
 TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
 WALK_TERMS, SLOW_TERMS = 12, 5  # of a gradient that changes in time, and with the place
+FINE_TERMS, PLUME_TERMS = 24, 8
+BOTH_WEIGHT, PLUME_WEIGHT = 0.5, 0.2
 SIGHT_TERMS = 8  # of a smooth function of where the light passes
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
 LEAST_INDEX_CHANGE = 0.2e-6  # of the refractivity: less is within the range scale's stated uncertainty
@@ -36,6 +40,8 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
         sets.add_set(frame(1.0 - np.exp(-t / tau_s), "warming_up"))
     air = inputs.context.temperatures_c["air"]
     sets.add_set(frame((air - air[np.argmin(t)]) / max(float(np.ptp(air)), 0.1), "with_air"))
+    for late, _ in inputs.context.relative_changes(("air",), LATE_AIR_S):  # the tripod and the floor
+        sets.add_set(frame(late), weight=LATE_AIR_WEIGHT)
     for onset, prior in inputs.onsets([f"station.{k}" for k in FRAME]):
         sets.add_set(frame((t >= onset).astype(np.float64), "step"), weight=2.0 * prior, onset_s=onset)
     sets.add_set(frame(random_walk_basis(t / HOUR_S, 40)), weight=2.0)
@@ -54,6 +60,7 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
     warming = 1.0 - np.exp(-t / 2400.0)
     one = np.ones(len(t))
     any_time = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
+    finely = random_walk_basis(t / max(float(t.max()), 1.0), FINE_TERMS)
     temperatures = inputs.context.relative_changes(inputs.context.temperatures_c, (0.0,))
     angle_per_gradient = 0.5 * PER_KELVIN
     for channel, towards_warm in TOWARDS_WARM.items():
@@ -80,6 +87,13 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
         for place in (across, height):
             along = sets.add((channel, angle_per_gradient * cosine_basis(place, SIGHT_TERMS, constant=True)))
             sets.add_set(along)
+    whole = [sets.add((channel, angle_per_gradient * finely)) for channel in TOWARDS_WARM]
+    sets.add_set([c for columns in whole for c in columns], weight=BOTH_WEIGHT)  # layers that come and go
+    for channel, columns in zip(TOWARDS_WARM, whole, strict=True):
+        for place in (across, height):  # what comes and goes at one place
+            there = cosine_basis(place, PLUME_TERMS)
+            plume = sets.add((channel, angle_per_gradient * tensor_product(finely, there)))
+            sets.add_set((*columns, *plume), weight=PLUME_WEIGHT)
     _add_range_scale(sets, inputs.context)
     return sets
 
@@ -112,6 +126,9 @@ def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
     end, onsets = float(t.max()), inputs.onsets(channels)
     for onset, prior in onsets:
         sets.add_set(shift((t >= onset).astype(np.float64), "step"), weight=prior * ONSETS, onset_s=onset)
+    if len(onsets) > 1:  # put aside and back, or aside again
+        steps = np.column_stack([(t >= onset).astype(np.float64) for onset, _ in onsets])
+        sets.add_set(shift(steps), (), weight=SEVERAL_WEIGHT * onsets[0][1] * ONSETS, **strongest_onset(onsets))
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
         creeping = shift(1.0 - np.exp(-np.maximum(t - onset, 0.0) / CREEP_S), "creep")
         sets.add_set(creeping, weight=0.5, onset_s=float(onset))

@@ -38,6 +38,8 @@ PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of i
 LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
 CREEP_TIMES_S = (400.0, 1600.0)
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a softness that is another one at any time
+LEAST_OWN = 0.05  # of the largest restraint of a strut by the others
+ONSETS, SOFTENING_WEIGHT = 12, 0.5  # of a softness that sets in at some moment
 RESTS_S, REST_WEIGHT = (3.0, 12.0, 48.0), 0.3  # in which a pin sinks through its oil
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
 NARROW = 0.02  # tension over which a one-sided spring sets in, over the typical tension
@@ -133,7 +135,25 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
         ages = cosine_basis(inputs.context.elapsed_s, AGE_TERMS)
         ageing = sets.add((name, np.column_stack([t[:, None] * ages, size * ages])))
         sets.add_set((*main, *ageing), loaded, share=0.6, weight=AGE_WEIGHT)
+        _add_softening_at_once(sets, inputs, strut, t)
     return sets
+
+
+def _add_softening_at_once(sets: BasisSets, inputs: EffectInputs, strut: int, strain_m: Array) -> None:
+    """A strut that is softer from a moment on, as by a bolt that came loose: it grows by its tension, of which the
+    share by misfits of all struts is hardly known, and which falls the more the softer it becomes."""
+    name, elapsed_s = f"length.{inputs.machine.strut_names[strut]}", inputs.context.elapsed_s
+    size = max(float(np.std(strain_m)), 1e-9)
+    by_misfit = inputs.tension_response_n_per_m[:, strut]
+    by_misfit = size * by_misfit / np.maximum(np.abs(by_misfit).max(axis=0), 1e-9)
+    own = np.abs(by_misfit[:, strut] / size)
+    fallen = strain_m / np.maximum(own, LEAST_OWN)  # of one that carries hardly anything any more
+    for onset_s, prior in inputs.onsets((name,)):
+        after = (elapsed_s >= onset_s).astype(np.float64)
+        softer, all_lost = (sets.add((name, after * strain)) for strain in (strain_m, fallen))
+        misfits = sets.add((name, after[:, None] * by_misfit))
+        loaded = sets.add((name, after * strain_m * inputs.payload_ratio))
+        sets.add_set(softer, (*all_lost, *misfits, *loaded), share=0.7, weight=SOFTENING_WEIGHT * prior * ONSETS)
 
 
 def clearance(inputs: EffectInputs, strut: int) -> BasisSets:

@@ -20,7 +20,6 @@ from calibration.reduction.report_frame import fit_report_frame
 
 FRAME_PRIOR = 5.0e-3  # m and rad, about the frame that was fitted to the commanded poses
 LINEARISATION_STEPS = 2
-PLAUSIBLE_RMS = 1.0  # of the model's unknowns over their standard deviations, as of any real machine's
 STIFFNESS_LIMIT_SIGMA = 3.0
 
 
@@ -114,10 +113,7 @@ def linearise(
         scaled, of_free = start / sigma, flat[:, free]
         right = of_free.T @ (current.residual.ravel() - flat[:, ~free] @ scaled[~free])
         scaled[free] = np.linalg.solve(of_free.T @ of_free + np.eye(of_free.shape[1]), right)
-        # A strong effect can drive geometry and stiffness, and with them the struts' preload, to any value; the point of
-        # linearisation has to remain plausible.
-        of_model = np.flatnonzero(free[: len(model)])
-        scaled[of_model] /= max(float(np.sqrt(np.mean(scaled[of_model] ** 2))) / PLAUSIBLE_RMS, 1.0)
+        # A strong effect can drive the stiffness to any value; the point of linearisation has to remain plausible.
         scaled[stiffness] = np.clip(scaled[stiffness], -STIFFNESS_LIMIT_SIGMA, STIFFNESS_LIMIT_SIGMA)
         current = point(scaled * sigma, current.poses.equilibrium.coordinates())
     return current

@@ -20,7 +20,7 @@ PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
 TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
 WALK_TERMS, SLOW_TERMS = 12, 5  # of a gradient that changes in time, and with the place
 FINE_TERMS, PLUME_TERMS = 24, 8
-BOTH_WEIGHT, PLUME_WEIGHT = 0.5, 0.2
+PLUME_WEIGHT = 0.2
 SIGHT_TERMS = 8  # of a smooth function of where the light passes
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
 LEAST_INDEX_CHANGE = 0.2e-6  # of the refractivity: less is within the range scale's stated uncertainty
@@ -87,13 +87,12 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
         for place in (across, height):
             along = sets.add((channel, angle_per_gradient * cosine_basis(place, SIGHT_TERMS, constant=True)))
             sets.add_set(along)
-    whole = [sets.add((channel, angle_per_gradient * finely)) for channel in TOWARDS_WARM]
-    sets.add_set([c for columns in whole for c in columns], weight=BOTH_WEIGHT)  # layers that come and go
-    for channel, columns in zip(TOWARDS_WARM, whole, strict=True):
-        for place in (across, height):  # what comes and goes at one place
+    for channel in TOWARDS_WARM:
+        whole = sets.add((channel, angle_per_gradient * finely))
+        for place in (across, height):  # layers that come and go, plumes that stand at one place
             there = cosine_basis(place, PLUME_TERMS)
             plume = sets.add((channel, angle_per_gradient * tensor_product(finely, there)))
-            sets.add_set((*columns, *plume), weight=PLUME_WEIGHT)
+            sets.add_set((*whole, *plume), weight=PLUME_WEIGHT)
     _add_range_scale(sets, inputs.context)
     return sets
 

@@ -123,7 +123,8 @@ def shifts_sideways_at_a_blow(scene: Scene, drive: int, rng: Generator) -> Contr
     )
 
 
-def _sideways_n(machine: Machine, state: Equilibrium, drive: int) -> Array:
+def sideways_n(machine: Machine, state: Equilibrium, drive: int) -> Array:
+    """What the struts press on a carriage across its slide, in the plane (r,)."""
     return state.carriage_force_n[:, drive] @ machine.sideways[drive]
 
 
@@ -139,10 +140,10 @@ def _turning_nm(machine: Machine, state: Equilibrium, drive: int) -> Array:
 def cantilever(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """It bends like a beam that is clamped at its foot."""
     machine, height = scene.machine, column_height(scene.rows, drive)
-    largest_n = np.abs(_sideways_n(machine, scene.calm, drive)).max()
+    largest_n = np.abs(sideways_n(machine, scene.calm, drive)).max()
 
     def under_load(state: Equilibrium, amplitude: float) -> Contribution:
-        force = _sideways_n(machine, state, drive)
+        force = sideways_n(machine, state, drive)
         return Contribution(
             carriage_m=across(machine, drive, amplitude * force / largest_n * height**3),
             carriage_rad=turned(machine, drive, -1.5 * amplitude * force / largest_n * height**2),
@@ -155,10 +156,10 @@ def cantilever(scene: Scene, drive: int, rng: Generator) -> Contribution:
 def carriage_sideways(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """The carriage gives way sideways."""
     machine = scene.machine
-    largest_n = np.abs(_sideways_n(machine, scene.calm, drive)).max()
+    largest_n = np.abs(sideways_n(machine, scene.calm, drive)).max()
     return Contribution(
         under_load=lambda state, amplitude: Contribution(
-            carriage_m=across(machine, drive, amplitude * _sideways_n(machine, state, drive) / largest_n)
+            carriage_m=across(machine, drive, amplitude * sideways_n(machine, state, drive) / largest_n)
         )
     )
 
@@ -168,11 +169,11 @@ def carriage_pitches_on_its_blocks(scene: Scene, drive: int, rng: Generator) -> 
     """The carriage pitches, and gives way sideways."""
     machine = scene.machine
     largest_nm = max(np.abs(_turning_nm(machine, scene.calm, drive)).max(), 1)
-    largest_n = np.abs(_sideways_n(machine, scene.calm, drive)).max()
+    largest_n = np.abs(sideways_n(machine, scene.calm, drive)).max()
 
     def under_load(state: Equilibrium, amplitude: float) -> Contribution:
         pitch = 4 * amplitude * _turning_nm(machine, state, drive) / largest_nm
-        shift = 0.5 * amplitude * _sideways_n(machine, state, drive) / largest_n
+        shift = 0.5 * amplitude * sideways_n(machine, state, drive) / largest_n
         return Contribution(
             carriage_rad=turned(machine, drive, pitch), carriage_m=across(machine, drive, shift)
         )  # fmt: skip
@@ -190,7 +191,7 @@ def all_ways_nonlinear(scene: Scene, drive: int, rng: Generator) -> Contribution
         return np.sign(force_n) * (np.abs(force_n) / largest_n) ** (2 / 3)
 
     def under_load(state: Equilibrium, amplitude: float) -> Contribution:
-        shift = amplitude * contact(_sideways_n(machine, state, drive))
+        shift = amplitude * contact(sideways_n(machine, state, drive))
         sink = 0.6 * amplitude * contact(_along_n(machine, state, drive))
         return Contribution(carriage_m=across(machine, drive, shift) + along(machine, drive, sink))
 

@@ -92,26 +92,27 @@ def presliding_and_viscous(scene: Scene, drive: int, rng: Generator) -> Contribu
     return Contribution(drive_m=-scene.rows.side[:, drive] * built_up * viscous)
 
 
-def _next(scene: Scene, drive: int) -> int:
+def next_drive(scene: Scene, drive: int) -> int:
+    """The other drive, of more than two the next one."""
     return (drive + 1) % len(scene.machine.drives)
 
 
 @form()
 def square_of_other(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """By the square of the other drive's coordinate."""
-    return Contribution(drive_m=scene.rows.centred[:, _next(scene, drive)] ** 2)
+    return Contribution(drive_m=scene.rows.centred[:, next_drive(scene, drive)] ** 2)
 
 
 @form()
 def product(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """By the product of both coordinates."""
-    return Contribution(drive_m=scene.rows.centred[:, drive] * scene.rows.centred[:, _next(scene, drive)])
+    return Contribution(drive_m=scene.rows.centred[:, drive] * scene.rows.centred[:, next_drive(scene, drive)])
 
 
 @form()
 def side_of_other(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """By the side that the other comes from; where sides differ from drive to drive, by its coordinate too."""
-    rows, other = scene.rows, _next(scene, drive)
+    rows, other = scene.rows, next_drive(scene, drive)
     coordinate = 0.3 * rows.centred[:, other] if rows.style == RANDOMISED else 0.0
     return Contribution(drive_m=0.7 * rows.side[:, other] + coordinate)
 
@@ -119,14 +120,14 @@ def side_of_other(scene: Scene, drive: int, rng: Generator) -> Contribution:
 @form()
 def proportional_and_bent(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """By the other drive's coordinate, more at its ends."""
-    place = scene.rows.centred[:, _next(scene, drive)]
+    place = scene.rows.centred[:, next_drive(scene, drive)]
     return Contribution(drive_m=place + 0.5 * place**3)
 
 
 @form()
 def difference_of_both(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """By how far both stand apart."""
-    apart = scene.rows.centred[:, drive] - scene.rows.centred[:, _next(scene, drive)]
+    apart = scene.rows.centred[:, drive] - scene.rows.centred[:, next_drive(scene, drive)]
     return Contribution(drive_m=np.sin(1.6 * apart))
 
 

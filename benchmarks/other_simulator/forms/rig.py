@@ -18,7 +18,7 @@ DELAYED_M, REFERENCE_M_PER_S = 5e-3, 0.05  # amplitude: the way in the delay at 
 COEFFICIENT_PER_K, MASS_KG, OFF_M, TABLE_M = 1.35e-5, 130.0, 0.35, 4e-4
 
 
-def _delayed(scene: Scene, delay: Array | float) -> Contribution:
+def delayed(scene: Scene, delay: Array | float) -> Contribution:
     """Drives that are read by a delay (r,) too late."""
     delays = np.broadcast_to(np.asarray(delay), (len(scene.rows),))[:, None]
     return Contribution(drives_m=-(scene.rows.velocity_m_per_s / REFERENCE_M_PER_S) * delays)
@@ -27,33 +27,33 @@ def _delayed(scene: Scene, delay: Array | float) -> Contribution:
 @form(DELAYED_M)
 def constant(scene: Scene, place: int, rng: Generator) -> Contribution:
     """Always the same delay."""
-    return _delayed(scene, draw_sign(rng))
+    return delayed(scene, draw_sign(rng))
 
 
 @form(DELAYED_M)
 def clock_runs_away(scene: Scene, place: int, rng: Generator) -> Contribution:
     """A clock that runs away."""
-    return _delayed(scene, 0.2 + 0.8 * scene.rows.elapsed)
+    return delayed(scene, 0.2 + 0.8 * scene.rows.elapsed)
 
 
 @form(DELAYED_M)
 def jitter_of_bus(scene: Scene, place: int, rng: Generator) -> Contribution:
     """Another delay at each reading."""
-    return _delayed(scene, 0.4 + rng.exponential(0.8, len(scene.rows)))
+    return delayed(scene, 0.4 + rng.exponential(0.8, len(scene.rows)))
 
 
 @form(DELAYED_M)
 def filter_slower_when_slow(scene: Scene, place: int, rng: Generator) -> Contribution:
     """A filter that is slower at low speed."""
     speed = np.linalg.norm(scene.rows.velocity_m_per_s, axis=1)
-    return _delayed(scene, 0.4 + 0.6 * np.exp(-speed / 0.08))
+    return delayed(scene, 0.4 + 0.6 * np.exp(-speed / 0.08))
 
 
 @form(DELAYED_M)
 def jumps_after_reconnect(scene: Scene, place: int, rng: Generator) -> Contribution:
     """A delay that jumps."""
     step_s = draw_instant(scene.rows, rng, 0.3, 0.7)
-    late = _delayed(scene, np.where(scene.rows.t_s > step_s, 1.0, 0.1))
+    late = delayed(scene, np.where(scene.rows.t_s > step_s, 1.0, 0.1))
     return Contribution(drives_m=late.drives_m, step_s=step_s)
 
 

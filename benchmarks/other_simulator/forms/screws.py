@@ -91,14 +91,14 @@ def grinding_wave_and_lead(scene: Scene, drive: int, rng: Generator) -> Contribu
 @form(PERIODIC_M)
 def once_a_turn(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """A sine of each turn."""
-    lead_m = _draw_lead(scene, drive, rng)
+    lead_m = draw_lead(scene, drive, rng)
     return Contribution(drive_m=wave(scene.rows.drives_m[:, drive], lead_m, draw_phase(rng)), period_m=lead_m)
 
 
 @form(PERIODIC_M)
 def turn_and_half_turn(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """Of each turn and half turn."""
-    lead_m = _draw_lead(scene, drive, rng)
+    lead_m = draw_lead(scene, drive, rng)
     turn = 2 * np.pi * scene.rows.drives_m[:, drive] / lead_m
     error = 0.8 * np.sin(turn + draw_phase(rng)) + 0.5 * np.sin(2 * turn + draw_phase(rng))
     return Contribution(drive_m=error, period_m=lead_m)
@@ -107,7 +107,7 @@ def turn_and_half_turn(scene: Scene, drive: int, rng: Generator) -> Contribution
 @form(PERIODIC_M)
 def fades_along_travel(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """A sine of each turn that fades along the travel."""
-    lead_m = _draw_lead(scene, drive, rng)
+    lead_m = draw_lead(scene, drive, rng)
     error = wave(scene.rows.drives_m[:, drive], lead_m, draw_phase(rng)) * (0.3 + 0.7 * scene.rows.raised[:, drive])
     return Contribution(drive_m=error, period_m=lead_m)
 
@@ -115,7 +115,7 @@ def fades_along_travel(scene: Scene, drive: int, rng: Generator) -> Contribution
 @form(PERIODIC_M)
 def tooth_mesh_sharp(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """A peak at each tooth."""
-    period_m = _draw_lead(scene, drive, rng)
+    period_m = draw_lead(scene, drive, rng)
     peaks = np.exp(1.5 * np.cos(2 * np.pi * scene.rows.drives_m[:, drive] / period_m + draw_phase(rng)))
     return Contribution(drive_m=normalised(peaks - peaks.mean()), period_m=period_m)
 
@@ -123,7 +123,7 @@ def tooth_mesh_sharp(scene: Scene, drive: int, rng: Generator) -> Contribution:
 @form(PERIODIC_M)
 def grows_with_load(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """A sine of each turn that grows with the load."""
-    lead_m = _draw_lead(scene, drive, rng)
+    lead_m = draw_lead(scene, drive, rng)
     strength = 0.4 + 0.6 * np.abs(load_share(scene, drive))
     error = wave(scene.rows.drives_m[:, drive], lead_m, draw_phase(rng)) * strength
     return Contribution(drive_m=error, period_m=lead_m)
@@ -132,43 +132,43 @@ def grows_with_load(scene: Scene, drive: int, rng: Generator) -> Contribution:
 @form()
 def offset_of_signals(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """Once a period."""
-    pitch_m = _draw_pitch(scene, drive, rng)
-    return _of_pitch(wave(scene.rows.drives_m[:, drive], pitch_m, draw_phase(rng)), pitch_m)
+    pitch_m = draw_pitch(scene, drive, rng)
+    return of_pitch(wave(scene.rows.drives_m[:, drive], pitch_m, draw_phase(rng)), pitch_m)
 
 
 @form()
 def amplitude_mismatch(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """Twice a period."""
-    pitch_m = _draw_pitch(scene, drive, rng)
-    return _of_pitch(np.sin(4 * np.pi * scene.rows.drives_m[:, drive] / pitch_m + draw_phase(rng)), pitch_m)
+    pitch_m = draw_pitch(scene, drive, rng)
+    return of_pitch(np.sin(4 * np.pi * scene.rows.drives_m[:, drive] / pitch_m + draw_phase(rng)), pitch_m)
 
 
 @form()
 def gap_varies_along_scale(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """Once a period, with the reading head's distance."""
-    pitch_m = _draw_pitch(scene, drive, rng)
+    pitch_m = draw_pitch(scene, drive, rng)
     error = wave(scene.rows.drives_m[:, drive], pitch_m, draw_phase(rng))
-    return _of_pitch(error * (0.4 + 0.6 * scene.rows.raised[:, drive]), pitch_m)
+    return of_pitch(error * (0.4 + 0.6 * scene.rows.raised[:, drive]), pitch_m)
 
 
 @form()
 def triangular_signals(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """Of odd orders."""
-    pitch_m = _draw_pitch(scene, drive, rng)
+    pitch_m = draw_pitch(scene, drive, rng)
     phase = 2 * np.pi * scene.rows.drives_m[:, drive] / pitch_m + draw_phase(rng)
-    return _of_pitch(0.75 * np.sin(phase) + 0.5 * np.sin(3 * phase + 1) + 0.2 * np.sin(5 * phase), pitch_m)
+    return of_pitch(0.75 * np.sin(phase) + 0.5 * np.sin(3 * phase + 1) + 0.2 * np.sin(5 * phase), pitch_m)
 
 
 @form()
 def offset_and_phase(scene: Scene, drive: int, rng: Generator) -> Contribution:
     """Once and twice a period."""
-    pitch_m = _draw_pitch(scene, drive, rng)
+    pitch_m = draw_pitch(scene, drive, rng)
     phase = 2 * np.pi * scene.rows.drives_m[:, drive] / pitch_m
     error = 0.7 * np.sin(phase + draw_phase(rng)) + 0.7 * np.sin(2 * phase + draw_phase(rng))
-    return _of_pitch(error, pitch_m)
+    return of_pitch(error, pitch_m)
 
 
-def _draw_lead(scene: Scene, drive: int, rng: Generator) -> float:
+def draw_lead(scene: Scene, drive: int, rng: Generator) -> float:
     """The stated lead more often than not, else another period (a gear, a belt)."""
     stated = scene.machine.description["drives"][drive]
     if "lead_m" in stated and rng.random() < 0.8:
@@ -176,7 +176,7 @@ def _draw_lead(scene: Scene, drive: int, rng: Generator) -> float:
     return float(np.round(np.exp(rng.uniform(np.log(LEAD_M[0]), np.log(LEAD_M[1]))), 5))
 
 
-def _draw_pitch(scene: Scene, drive: int, rng: Generator) -> float:
+def draw_pitch(scene: Scene, drive: int, rng: Generator) -> float:
     """The stated pitch more often than not."""
     stated = scene.machine.description["drives"][drive]
     if "scale_pitch_m" in stated and rng.random() < 0.85:
@@ -184,7 +184,8 @@ def _draw_pitch(scene: Scene, drive: int, rng: Generator) -> float:
     return float(np.round(np.exp(rng.uniform(np.log(PITCH_M[0]), np.log(PITCH_M[1]))), 6))
 
 
-def _of_pitch(error: Array, pitch_m: float) -> Contribution:
+def of_pitch(error: Array, pitch_m: float) -> Contribution:
+    """An error (r,) of a signal's period, no larger than interpolation can be off."""
     return Contribution(drive_m=error, period_m=pitch_m, largest=INTERPOLATION_SHARE * pitch_m)
 
 

@@ -69,14 +69,14 @@ def softer_by_factor(scene: Scene, strut: int, rng: Generator) -> Contribution:
 def soft_in_tension(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Softer when it is pulled."""
     stiffness = scene.stiffness_n_per_m[strut]
-    return _lengthened(strut, lambda tension, amplitude: amplitude * np.maximum(tension, 0) / stiffness * 0.2)
+    return lengthened(strut, lambda tension, amplitude: amplitude * np.maximum(tension, 0) / stiffness * 0.2)
 
 
 @form(YIELDING_WITH_LOAD)
 def yields_more_with_load(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Softer the more it holds."""
     stiffness, largest_n = scene.stiffness_n_per_m[strut], np.abs(scene.calm.tension_n[:, strut]).max()
-    return _lengthened(
+    return lengthened(
         strut, lambda tension, amplitude: amplitude * 0.2 * tension / stiffness * np.abs(tension) / largest_n
     )
 
@@ -100,14 +100,14 @@ def softer_when_inclined(scene: Scene, strut: int, rng: Generator) -> Contributi
 def switches_with_force(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Play that lies on the side of the force."""
     even_n = rng.uniform(10, 60)
-    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.tanh(tension / even_n))
+    return lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.tanh(tension / even_n))
 
 
 @form()
 def floats_at_small_force(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Play that a force has to press through."""
     through_n = rng.uniform(100, 400)
-    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.clip(tension / through_n, -1, 1))
+    return lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.clip(tension / through_n, -1, 1))
 
 
 @form()
@@ -116,14 +116,14 @@ def rests_on_side_of_motion(scene: Scene, strut: int, rng: Generator) -> Contrib
     even_n = rng.uniform(50, 200)
     friction_n = rng.uniform(0.8, 2) * even_n
     held_n = friction_n * scene.rows.side[:, int(scene.machine.drive_of_strut[strut])]
-    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.tanh((tension + held_n) / even_n))
+    return lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * np.tanh((tension + held_n) / even_n))
 
 
 @form()
 def wears_open(scene: Scene, strut: int, rng: Generator) -> Contribution:
     """Play that grows in the campaign."""
     even_n, width = rng.uniform(20, 80), 0.2 + 0.8 * scene.rows.elapsed
-    return _lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * width * np.tanh(tension / even_n))
+    return lengthened(strut, lambda tension, amplitude: amplitude * 0.5 * width * np.tanh(tension / even_n))
 
 
 @form()
@@ -136,10 +136,10 @@ def two_joints_one_after_other(scene: Scene, strut: int, rng: Generator) -> Cont
         first, second = np.tanh(tension / even_n), np.tanh((tension - second_n) / even_n)
         return np.asarray(amplitude * 0.5 * (0.5 * first + 0.5 * second))
 
-    return _lengthened(strut, law)
+    return lengthened(strut, law)
 
 
-def _lengthened(strut: int, law: Callable[[Array, float], Array]) -> Contribution:
+def lengthened(strut: int, law: Callable[[Array, float], Array]) -> Contribution:
     """A strut that is longer by a law of its own tension (r,) and the amplitude."""
     return Contribution(
         under_load=lambda state, amplitude: Contribution(strut_m=law(state.tension_n[:, strut], amplitude))

@@ -6,11 +6,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.other_simulator.forms.catalogue import EFFECTS, FIRST, OUTSIDE, SECOND, SPACE, names_of_forms
+from benchmarks.other_simulator.forms.catalogue import (
+    EFFECTS,
+    FIRST,
+    OUTSIDE,
+    SECOND,
+    SPACE,
+    THIRD,
+    names_of_forms,
+)
 from benchmarks.other_simulator.nominal import DELTA, PLANAR, STEWART
 
-SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303}
-NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600}
+SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404}
+NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900}
 SINGLE, PAIR, NULL = "single", "pair", "null"
 EACH, PAIRS, NULLS, SPATIAL_NULLS, SPATIAL_MORE = 3, 14, 24, 14, 16
 # Effects of carriages, which legs have not.

@@ -8,15 +8,19 @@ from benchmarks.other_simulator.forms import (
     guides,
     outside_first,
     outside_second,
+    outside_third,
     rig,
     screws,
     station,
     struts,
+    third_drives,
+    third_machine,
+    third_readings,
 )
 from benchmarks.other_simulator.forms.form import Form
 
-FIRST, SECOND, SPACE = "first", "second", "space"
-ARCHIVES = (FIRST, SECOND, SPACE)
+FIRST, SECOND, SPACE, THIRD = "first", "second", "space", "third"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -26,17 +30,25 @@ EFFECTS = (
     "servo_settling", "drive_scale", "tracker_drift", "refraction", "smr_reseat", "latency", "expansion_coefficient",
     "payload", "tables_left_on",
 )  # fmt: skip
-OF_FIRST = 3  # forms of each effect; the others are of the second archive alone
+OF_FIRST = 3  # forms of each effect in the modules of the first two archives; the others are of the second
 
-_BY_EFFECT: dict[str, tuple[Form, ...]] = {
+# The first two archives share modules; each later one has its own.
+_FIRST_TWO: dict[str, tuple[Form, ...]] = {
     **struts.FORMS, **columns.FORMS, **screws.FORMS, **drives.FORMS, **guides.FORMS, **station.FORMS, **rig.FORMS,
-    OUTSIDE: outside_first.FORMS + outside_second.FORMS,
 }  # fmt: skip
-FORMS = {effect: {one.name: one for one in forms} for effect, forms in _BY_EFFECT.items()}
+# Forms by the archive that alone has them, and by effect; that in space borrows those of the first two.
+_OWN: dict[str, dict[str, tuple[Form, ...]]] = {
+    FIRST: {effect: forms[:OF_FIRST] for effect, forms in _FIRST_TWO.items()} | {OUTSIDE: outside_first.FORMS},
+    SECOND: {effect: forms[OF_FIRST:] for effect, forms in _FIRST_TWO.items()} | {OUTSIDE: outside_second.FORMS},
+    THIRD: {**third_machine.FORMS, **third_drives.FORMS, **third_readings.FORMS, OUTSIDE: outside_third.FORMS},
+}
+_SOURCES = {FIRST: (FIRST,), SECOND: (SECOND,), SPACE: (FIRST, SECOND), THIRD: (THIRD,)}
+
+FORMS = {
+    effect: {one.name: one for forms in _OWN.values() for one in forms[effect]} for effect in (*EFFECTS, OUTSIDE)
+}  # fmt: skip
 
 
 def names_of_forms(effect: str, archive: str) -> list[str]:
-    """Forms of an effect that an archive may have: of the first and second none is in both."""
-    names = [one.name for one in _BY_EFFECT[effect]]
-    count = len(outside_first.FORMS) if effect == OUTSIDE else OF_FIRST
-    return {FIRST: names[:count], SECOND: names[count:], SPACE: names}[archive]
+    """Forms of an effect that an archive may have: of the first, second and third none is in two."""
+    return [one.name for source in _SOURCES[archive] for one in _OWN[source][effect]]

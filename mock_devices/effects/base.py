@@ -39,6 +39,9 @@ class EffectParameter:
         return float(np.sqrt(self.low * self.high)) if self.low > 0.0 else 0.5 * (self.low + self.high)
 
 
+ONSET = EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin")
+
+
 @dataclass(frozen=True)
 class EffectSpec:
     """One entry of the catalogue. The first parameter is the size: zero means no effect.
@@ -178,6 +181,7 @@ def names_of(machine: MachineFile, place: Place) -> Sequence[str]:
 
 __all__ = [
     "GRAVITY_M_PER_S2",
+    "ONSET",
     "Array",
     "Complex",
     "Deviation",

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import (
+    ONSET,
     Array,
     Deviation,
     EffectParameter,
@@ -15,7 +16,6 @@ from mock_devices.effects.base import (
 )
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.refraction import weather_k
-from mock_devices.effects.stated_values import ONSET
 from mock_devices.effects.warming import conducted
 
 SLIP_K = 0.4

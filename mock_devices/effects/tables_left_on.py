@@ -6,7 +6,16 @@ from collections.abc import Callable
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, Effect, Leg, MotionState
+from mock_devices.effects.base import (
+    ONSET,
+    Array,
+    Deviation,
+    Effect,
+    EffectParameter,
+    EffectSpec,
+    Leg,
+    MotionState,
+)
 from mock_devices.effects.followers import PlaceMemory
 from mock_devices.known_tables import KnownTable, draw_known_tables
 
@@ -117,3 +126,30 @@ def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
         return at_m
     nodes = np.array(nodes_m)
     return np.asarray(nodes[np.maximum(np.searchsorted(nodes, at_m, side="right") - 1, 0)])
+
+
+EFFECTS = (
+    EffectSpec(
+        name="tables_left_on",
+        kind="catalogue",
+        place="rig",
+        size=EffectParameter("weight_ratio", 0.02, 1.0, 10.0, "weight of the tables, 1 is the whole correction"),
+        variants=(
+            "whole",
+            "one_drive",
+            "switched",
+            "bidirectional",
+            "pulses",
+            "by_temperature",
+            "multiplied",
+            "moved_zero",
+            "both_generations",
+            "ramped",
+            "counted_from_above",
+        ),
+        final="counted_from_above",
+        reveals="both drives' coordinates, known tables, by variant dwell, SMRs on the sliders",
+        make=TablesLeftOn,
+        others=(ONSET,),
+    ),
+)

@@ -1,4 +1,4 @@
-"""What the station sees differently: drift of its frame, bent light, reflectors taken off and put on again."""
+"""What the station sees differently: drift of its frame, bent light."""
 
 from __future__ import annotations
 
@@ -8,34 +8,23 @@ import numpy as np
 
 from mock_devices.effects.base import (
     Array,
-    Deviation,
     Effect,
     EffectParameter,
     EffectSpec,
     Leg,
     MotionState,
     StationSight,
-    names_of,
 )
-from mock_devices.effects.followers import LastThrow
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.refraction import Refraction
 from mock_devices.effects.walks import HOUR_S, Flicker, HeldWalk, RandomWalk
 
 LEVER_M = 3.2
-GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 SHAKEN_M2_PER_S2 = 40.0  # sum of squared speeds that moves a stand by the size
-SLIDES_M_PER_S, SLIDES = 0.2, 300.0  # a stop from this speed moves no holder; sum of excesses that moves it by the size
 PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
-BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
 SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
-NEST_PART = "platform"
-NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
 FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
 TRACKS_M_PER_S, COOLS_S = 0.04, 900.0  # of a station that follows motions: mean of their speeds for the size; cooling
-STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop for the size; period; time constant
-THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
-SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
 
 def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
@@ -149,111 +138,6 @@ class StationDrift(Effect):
         move_station(sight, self.size / LEVER_M / np.sqrt(2.0) * y[:, :3], self.size / np.sqrt(2.0) * y[:, 3:])
 
 
-class Reseat(Effect):
-    """A reflector that was taken off and does not sit where it sat.
-
-    `adhesive_tape`: its mount gives at once and creeps on with a power of time, as plastics do in W. N. Findley, "Creep
-    Characteristics of Plastics" (1944); the size is reached after an hour.
-    `chip_in_seat`: put on again upon a chip, it sits in one of two places and jumps by chance: the random telegraph
-    signal of S. O. Rice, "Mathematical Analysis of Random Noise" (1944).
-    `turning_ball`: the machine's motions turn the ball in its seat, and the vertex of its mirrors, which is off the
-    ball's centre, goes round: runout in R. E. Bridges, "Method for Measuring 3D Coordinates of a Spherically Mounted
-    Retroreflector from Multiple Stations" (US patent 9,074,869, 2015). The size is the circle's diameter.
-    `sliding_holder`: its magnetic holder slides down its face a little at every stop that is harder than the magnet
-    holds, by what the kinetic energy exceeds that: the sliding block of N. M. Newmark, "Effects of Earthquakes on Dams
-    and Embankments" (1965). The size is that of some sixty stops from 0.5 m/s after the onset.
-    `warm_nest`: put back into a nest of another material beside its own, it is moved as that grows with the platform's
-    temperature from then on: an offset between materials in A. H. Slocum, "Precision Machine Design" (1992). The size
-    is that of NEST_K.
-    `thrown_ball`: put back into a seat with play, the ball is thrown to one side or the other of it by every hard stop
-    of the first drive, and slow ones leave it: W. Goldsmith, "Impact" (1960). The size is the play.
-    `ringing_stem`: put back on a stem that stands in rubber, it swings on after every stop of a drive, in the sense of
-    that motion, and calms down: free damped vibration in J. P. Den Hartog, "Mechanical Vibrations" (1934). The size is
-    the swing after a stop of one drive from STEM_M_PER_S.
-    """
-
-    def setup(self) -> None:
-        """Directions of the shifts, in the plane."""
-        angles = self.rng.uniform(0.0, 2.0 * np.pi, 64)
-        lengths = np.concatenate([[1.0], self.rng.uniform(0.3, 1.2, 63)])
-        self.shifts = np.stack([lengths * np.cos(angles), lengths * np.sin(angles)], axis=1)
-        self.jumps_s = np.cumsum(self.rng.exponential(SEATS_S, 256))
-        onset_s = self.site.start_s + self.values["onset_s"]
-        self._ways = [
-            LegMemory(lambda way, _speed, start_s: np.abs(way) * (start_s >= onset_s))
-            for _ in self.site.machine.sliders
-        ]
-        self._stops = [
-            LegMemory(
-                lambda way, speed, start_s: (
-                    np.maximum((speed / SLIDES_M_PER_S) ** 2 - 1.0, 0.0) * ((way != 0.0) & (start_s >= onset_s))
-                )
-            )
-            for _ in self.site.machine.sliders
-        ]
-        self.stem_s = float(self.rng.uniform(*STEM_S))
-        self.calms_s = float(self.rng.uniform(*CALMS_S))
-        self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
-
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let all travel after the onset turn the ball, or all stops move the holder or the ball."""
-        if self.variant == "turning_ball":
-            self._ways[drive].record(leg)
-        elif self.variant == "sliding_holder":
-            self._stops[drive].record(leg)
-        elif self.variant == "thrown_ball" and drive == 0:
-            self._thrown.record(leg)
-
-    def _swung(self, state: MotionState) -> Array:
-        """Where a stem is (n,), by the last stop of every drive; one under way has not stopped yet."""
-        swing = state.direction * state.speed_m_per_s / STEM_M_PER_S * (state.t_s[:, None] >= state.leg_end_s)
-        turn = 2.0 * np.pi * state.since_s / self.stem_s
-        return np.asarray((swing * np.exp(-state.since_s / self.calms_s) * np.cos(turn)).sum(axis=1))
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Move the reflector."""
-        t = state.t_s - self.site.start_s - self.values["onset_s"]
-        after = t >= 0.0
-        if self.variant == "each_exchange":  # taken off whenever the payload is exchanged
-            number = state.exchanges.astype(int) % 64
-            y = np.where((number > 0)[:, None], self.shifts[number], 0.0)
-        elif self.variant == "glue":
-            y = np.outer(1.0 - np.exp(-np.maximum(t, 0.0) / 900.0), self.shifts[0])
-        elif self.variant == "loose":  # a little further every few minutes
-            number = np.floor(np.maximum(t, 0.0) / 600.0).astype(int) % 64
-            y = np.where(after[:, None], self.shifts[number], 0.0)
-        elif self.variant == "chip_in_seat":
-            jumped = np.searchsorted(self.jumps_s, np.maximum(t, 0.0), side="right")
-            y = np.where((after & (jumped % 2 == 0))[:, None], self.shifts[0], 0.0)
-        elif self.variant == "adhesive_tape":
-            crept = GIVES + (1.0 - GIVES) * (np.maximum(t, 0.0) / HOUR_S) ** CREEPS
-            y = np.where(after[:, None], np.outer(crept, self.shifts[0]), 0.0)
-        elif self.variant == "turning_ball":
-            way_m = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._ways))
-            corner = complex(*self.shifts[0]) * 0.5 * np.expm1(2j * np.pi * way_m / BALL_TURN_M)
-            y = np.stack([corner.real, corner.imag], axis=1)
-        elif self.variant == "sliding_holder":
-            slid = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._stops))
-            y = np.outer(slid / SLIDES, self.shifts[0])
-        elif self.variant == "warm_nest":
-            from_s = np.maximum(state.t_s, self.site.start_s + self.values["onset_s"])
-            grown_k = state.thermal.part_series_c(NEST_PART, from_s) - state.thermal.part_series_c(
-                NEST_PART, np.full(len(state), self.site.start_s + self.values["onset_s"])
-            )
-            y = np.outer(grown_k / NEST_K, self.shifts[0])
-        elif self.variant == "thrown_ball":
-            y = np.outer(0.5 * self._thrown.at(state, 0), self.shifts[0])
-        elif self.variant == "ringing_stem":
-            y = np.outer(after * self._swung(state), self.shifts[0])
-        elif self.variant == "put_back":
-            y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
-        else:
-            y = np.where(after[:, None], self.shifts[0], 0.0)
-        names = [smr.name for smr in self.site.machine.smrs]
-        index = names.index(names_of(self.site.machine, "smr")[self.place])
-        deviation.smr_m[:, index, :2] += self.size * y
-
-
 EFFECTS = (
     EffectSpec(
         name="tracker_drift",
@@ -305,29 +189,5 @@ EFFECTS = (
         reveals="angles, or ranges, against height and distance, by variant time, motions made, all SMRs and nests "
         "alike",
         make=Refraction,
-    ),
-    EffectSpec(
-        name="smr_reseat",
-        kind="catalogue",
-        place="smr",
-        size=EffectParameter("shift_m", 1e-6, 2e-5, 4e-4, "of one reflector"),
-        variants=(
-            "step",
-            "each_exchange",
-            "glue",
-            "loose",
-            "put_back",
-            "adhesive_tape",
-            "chip_in_seat",
-            "turning_ball",
-            "sliding_holder",
-            "warm_nest",
-            "thrown_ball",
-            "ringing_stem",
-        ),
-        final="ringing_stem",
-        reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
-        make=Reseat,
-        others=(EffectParameter("onset_s", 0.0, 2400.0, 7200.0, "after the campaign's begin"),),
     ),
 )

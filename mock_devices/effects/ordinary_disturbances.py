@@ -18,8 +18,8 @@ from mock_devices.effects.base import (
     StatefulEffect,
     StationSight,
 )
+from mock_devices.effects.friction_windup import FRICTION_PARAMETERS, FRICTION_VARIANTS, FrictionWindup
 from mock_devices.effects.instrument import LEVER_M, move_station
-from mock_devices.effects.reversal import FRICTION_PARAMETERS, FRICTION_VARIANTS, FrictionWindup
 from mock_devices.effects.walks import RandomWalk
 
 

@@ -6,9 +6,10 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, MotionState
+from mock_devices.effects.base import Array, Effect, MotionState
 
 AIR = "air"  # the part that is none
+CYCLES_S = (1200.0, 3600.0)  # of air that is switched
 _GRID_S = 30.0
 _TERMS = 60
 
@@ -87,3 +88,31 @@ def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> A
         value = now + (value - now) * keep if i else now
         follow[i] = value
     return np.asarray(np.interp(state.t_s, grid, follow - sensed))
+
+
+class Warming(Effect):
+    """The temperature above the sensor, by variant."""
+
+    sensor = "struts"
+
+    def setup(self) -> None:
+        """How long a cycle of the air is."""
+        self.period_s = float(self.rng.uniform(*CYCLES_S))
+
+    def rise_k(self, state: MotionState) -> Array:
+        """The temperature above the sensor (n,)."""
+        t, tau = self.elapsed_s(state), self.values["tau_s"]
+        if self.variant == "lagging":
+            return self.size * lag_behind(state, self.sensor, self.site.start_s, tau)
+        if self.variant == "two_stages":
+            return self.size * (0.6 * warm_up(t, tau) + 0.4 * warm_up(t, 5.0 * tau))
+        share = warm_up(t, tau)
+        if self.variant == "conduction":
+            share = conducted(t, tau)
+        elif self.variant == "still_air":
+            share = cooled(t, tau)
+        elif self.variant == "cycling_air":
+            share = cycled(t, tau, self.period_s)
+        elif self.variant == "pulse":  # warmed once, cooling again: a door, a lamp
+            return np.asarray(self.size * (t / tau) * np.exp(1.0 - t / tau))
+        return self.size * share

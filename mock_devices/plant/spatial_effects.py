@@ -7,11 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Effect, MotionState
+from mock_devices.effects.friction_windup import FrictionWindup
 from mock_devices.effects.geometry import LinkSelfWeight
 from mock_devices.effects.in_space import arms_m, check_in_space, require_only_known, view_of
 from mock_devices.effects.ordinary_disturbances import OrdinaryTemperature
 from mock_devices.effects.payload import Payload
-from mock_devices.effects.reversal import FrictionWindup
 from mock_devices.machine_file import MachineFile
 from mock_devices.plant.affected_machine import make_effects
 from mock_devices.plant.spatial_machine import Departure

@@ -1,0 +1,162 @@
+"""Friction that is left in a drive after a stop and winds up its screw."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Deviation, EffectParameter, EffectSpec, Leg, MotionState
+from mock_devices.effects.leg_memory import LegMemory, ways_m
+from mock_devices.effects.reversal import TAU, Play, above_reference_k
+from mock_devices.effects.strut_ways import way_of_strut
+
+FULL_PAYLOAD_KG = 400.0
+LEAD_ANGLE_RAD = math.radians(5.0)
+REFERENCE_SPEED_M_PER_S = 0.5
+REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, travel; share of friction without structure
+VOGEL_K, VOGEL_C = 1000.0, -95.0  # of an oil for gears, at 20 degrees
+LIPS, LIPS_DOWN = 0.35, 0.45  # friction of seals: share that no speed changes; downwards over upwards
+LASTS, RUNS_IN_M = 0.25, 40.0  # friction of a screw that is run in over that of a new one; way in which it falls by e
+UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
+GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
+
+
+class FrictionWindup(Play):
+    """The screw is wound up by its load and by the friction that is left in it after a stop.
+
+    `palmgren`: friction of rolling contacts in two parts, one with speed to the power 2/3, one with the load: A.
+    Palmgren, "Ball and Roller Bearing Engineering" (1959).
+    `flanks`: dry flanks of a thread, whose friction goes with the load on the nut and is larger upwards than downwards:
+    load tan(lead + friction) up, load tan(lead - friction) down, over tan(lead): J. E. Shigley, "Mechanical Engineering
+    Design" (1963). `friction_n` is that upwards without payload.
+    `warming_grease`: friction of a grease that grows warm after the campaign's begin, whose viscosity falls
+    exponentially with its temperature: O. Reynolds, "On the Theory of Lubrication" (1886).
+    `thixotropic`: a grease whose structure travel breaks down and rest builds up again, at the rates of F. Moore, "The
+    Rheology of Ceramic Slips and Bodies" (1959): friction is what the motions and rests so far have left.
+    `guide_pressed`: dry friction of the guide, which goes with what the struts press the carriage against it, by their
+    angle and the payload: friction and pressure in C. A. Coulomb, "Théorie des machines simples" (1785). `friction_n`
+    is that in the middle of all travels without payload.
+    `ambient_viscosity`: oil that is as warm as the drive's sensor says rubs by its viscosity: H. Vogel, "Das
+    Temperaturabhängigkeitsgesetz der Viskosität von Flüssigkeiten" (1921). `friction_n` is that at the reference.
+    `seal_lips`: the lips of its seals rub on a film that grows with the root of the speed, and being cut aslant on one
+    side they rub less downwards than upwards: H. K. Müller, B. S. Nau, "Fluid Sealing Technology" (1998). `friction_n`
+    is that upwards at the reference speed.
+    `running_in`: a new screw runs in, and its friction falls with its way towards what lasts: P. J. Blau, "Friction and
+    Wear Transitions of Materials" (1989). `friction_n` is that of the new one.
+    """
+
+    def setup(self) -> None:
+        """Phase of friction along the screw; structure of the grease before every leg, intact at first."""
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self._structure = [[1.0] for _ in self.site.machine.sliders]
+        self._run = LegMemory(ways_m)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the grease remember, too."""
+        super().record_leg(drive, leg)
+        if self.variant == "running_in" and drive == self.place:
+            self._run.record(leg)
+        if self.variant == "thixotropic":
+            left = self._structure[drive][-1] * math.exp(-abs(leg.to_m - leg.from_m) / SHEARED_M)
+            self._structure[drive].append(1.0 - (1.0 - left) * math.exp(-(leg.until_s - leg.end_s) / REBUILT_S))
+
+    def load_n(self, state: MotionState) -> Array:
+        """What the drive carries (n,)."""
+        drives = len(self.site.machine.sliders)
+        if state.loads_n is not None:
+            return np.asarray(state.loads_n[:, self.place])
+        return np.asarray((self.site.machine.moving_mass_kg + state.payload_kg) * GRAVITY_M_PER_S2 / drives)
+
+    def _flanks_n(self, state: MotionState) -> Array:
+        """Friction of the thread's flanks, with the sign of the last motion (n,)."""
+        load, moved = self.load_n(state), -self.side(state, self.place)
+        lead = math.tan(LEAD_ANGLE_RAD)
+        own_n = self.site.machine.moving_mass_kg * GRAVITY_M_PER_S2 / len(self.site.machine.sliders)
+        angle = math.atan(lead * (1.0 + self.values["friction_n"] / own_n)) - LEAD_ANGLE_RAD
+        up, down = math.tan(LEAD_ANGLE_RAD + angle) / lead - 1.0, 1.0 - math.tan(LEAD_ANGLE_RAD - angle) / lead
+        return np.asarray(moved * np.abs(load) * np.where(moved * load > 0.0, up, down))
+
+    def friction_n(self, state: MotionState) -> Array:
+        """What is left in the drive (n,)."""
+        a, values = self.place, self.values
+        if self.variant == "flanks":
+            return self._flanks_n(state)
+        friction = -values["friction_n"] * self.side(state, a)
+        if self.variant == "stribeck":
+            friction = friction * (0.5 + np.exp(-state.speed_m_per_s[:, a] / 0.25))
+        elif self.variant == "relaxing":
+            friction = friction * (0.3 + 0.7 * np.exp(-state.since_s[:, a] / values["tau_s"]))
+        elif self.variant == "warming_grease":
+            warmer_k = GREASE_K * (1.0 - np.exp(-self.elapsed_s(state) / GREASE_S))
+            friction = friction * np.exp(-GREASE_PER_K * warmer_k)
+        elif self.variant == "thixotropic":
+            before = np.array([self._structure[a][k] for k in state.leg[:, a].tolist()])
+            left = before * np.exp(-np.abs(state.q_m[:, a] - state.from_m[:, a]) / SHEARED_M)
+            friction = friction * (LEAST + (1.0 - LEAST) * left)
+        elif self.variant == "ambient_viscosity":
+            reference_c = self.site.machine.reference_temperature_c
+            now_c = reference_c + above_reference_k(self.site, state)
+            friction = friction * np.exp(VOGEL_K / (now_c - VOGEL_C) - VOGEL_K / (reference_c - VOGEL_C))
+        elif self.variant == "seal_lips":
+            film = np.sqrt(state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S)
+            friction = friction * (LIPS + (1.0 - LIPS) * film) * np.where(friction > 0.0, 1.0, LIPS_DOWN)
+        elif self.variant == "running_in":
+            friction = friction * (LASTS + (1.0 - LASTS) * np.exp(-self._run.at(state, a)[:, 0] / RUNS_IN_M))
+        elif self.variant == "guide_pressed":
+            own_kg = self.site.machine.moving_mass_kg
+            pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
+            friction = friction * (UNPRESSED + (1.0 - UNPRESSED) * pressed)
+        elif self.variant == "palmgren":
+            viscous = (state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S) ** (2.0 / 3.0)
+            friction = friction * (0.6 * viscous + 0.4 + 0.6 * state.payload_kg / FULL_PAYLOAD_KG)
+        elif self.variant == "position_friction":
+            friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
+        return np.asarray(friction)
+
+    def _across(self, q_m: Array) -> Array:
+        """Force of the drive's struts across its guide (n,) over that in the middle of all travels."""
+        machine = self.site.machine
+        mine = next(i for i, strut in enumerate(machine.struts) if strut.drive == self.place)
+        middle_m = np.array([[self.site.drive_range_m(a)[0] for a in range(q_m.shape[1])]])
+        now, then = (
+            way_of_strut(machine, mine, at_m) * machine.sliders[self.place].axis.conjugate() for at_m in (q_m, middle_m)
+        )
+        return np.abs(now.imag / now.real) / np.abs(then.imag / then.real)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Turn force into displacement; the torque shows the friction too."""
+        a, friction = self.place, self.friction_n(state)
+        force = self.load_n(state) + friction
+        softness = 1.0 / np.sqrt(1.0 + (force / 1500.0) ** 2) if self.variant == "hardening" else 1.0
+        deviation.travel_m[:, a] -= self.size * force * softness
+        if self.size:
+            deviation.force_n[:, a] += friction
+
+
+FRICTION_VARIANTS = ("coulomb", "stribeck", "relaxing", "hardening", "position_friction")
+FRICTION_PARAMETERS = (EffectParameter("friction_n", 50.0, 300.0, 900.0, "friction left in the screw"), TAU)
+
+EFFECTS = (
+    EffectSpec(
+        name="friction_windup",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("windup_m_per_n", 1e-9, 1e-8, 2e-7, "axial displacement a force, screw and coupling"),
+        variants=(
+            *FRICTION_VARIANTS,
+            "palmgren",
+            "flanks",
+            "warming_grease",
+            "thixotropic",
+            "guide_pressed",
+            "ambient_viscosity",
+            "seal_lips",
+            "running_in",
+        ),
+        final="running_in",
+        reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, earlier motions",
+        make=FrictionWindup,
+        others=FRICTION_PARAMETERS,
+    ),
+)

@@ -1,0 +1,139 @@
+"""Sliders that settle after a motion."""
+
+from __future__ import annotations
+
+import numpy as np
+from scipy.special import erfcx
+
+from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
+from mock_devices.effects.leg_memory import LegMemory
+
+REFERENCE_SPEED_M_PER_S = 0.5
+SWINGS, CALMS = 3.0, 0.5  # of a load: rate and decay, over tau_s
+LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; travel that leaves the size
+UNWINDS = 3.0  # time constant of an integral part that unwinds, over tau_s
+WOUND_M, UNWOUND_M = 0.25, 0.04  # ways of which an integral part is wound up to its limit, or not at all
+STICKS = 0.15  # friction over the force of the first swing
+
+
+class ServoSettling(Effect):
+    """The slider comes to rest late: `amplitude_m` behind its target on arrival at 0.5 m/s.
+
+    `stretched`: exp(-sqrt(t / tau)), the relaxation in R. Kohlrausch, "Theorie des elektrischen Rückstandes in der
+    Leidener Flasche" (1854): fast at first and long after still on its way.
+    `critically_damped`: (1 + t / tau) exp(-t / tau), the loop of second order with damping one of K. Ogata, "Modern
+    Control Engineering" (1970), that has come to rest for the moment when its target stops.
+    `dry_friction`: swings that dry friction shortens by the same way each, until it holds the slider beside its target:
+    J. P. Den Hartog, "Mechanical Vibrations" (1934). Half a swing takes tau_s.
+    `after_effect`: a belt forgets no motion at once, so that all earlier motions act together, the latest ones most: L.
+    Boltzmann, "Zur Theorie der elastischen Nachwirkung" (1874), here with two time constants. A motion by AFTER_M
+    leaves the size.
+    `integrator_reset`: the controller's integral part, which holds the weight, is cleared with every motion and builds
+    up again at rest, so that the slider arrives below its target from either side and rises: K. J. Åström, T. Hägglund,
+    "PID Controllers: Theory, Design, and Tuning" (1995). The size is that without payload, at any speed.
+    `swinging_load`: what hangs on the slider swings on beyond its target, the further and the more slowly the heavier
+    it is: N. C. Singer, W. P. Seering, "Preshaping Command Inputs to Reduce System Vibration" (1990). The size is the
+    swing without payload, were it not damped.
+    `half_order`: a rubber element relaxes by a derivative of the order one half, as if it had all time constants, with
+    a long tail of one over the root of time: exp(t) erfc(sqrt(t)), t over tau_s, in M. Caputo, F. Mainardi, "A New
+    Dissipation Model Based on Memory Mechanism" (1971).
+    `wound_up`: the integral part winds up over every long way, up to its limit, and carries the slider beyond until it
+    has unwound: K. J. Åström, L. Rundqwist, "Integrator Windup and How to Avoid It" (1989). A short approach leaves
+    what the long way before it has wound up. The size is what the limit gives, at any speed.
+    """
+
+    def setup(self) -> None:
+        """What the belt has not yet forgotten."""
+        tau = self.values["tau_s"]
+        self._ways = LegMemory(lambda way, _speed, _: way / AFTER_M, tau, LONG * tau)
+        self._wound = LegMemory(_winds, UNWINDS * tau)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the belt of this drive remember."""
+        if self.variant == "after_effect" and drive == self.place:
+            self._ways.record(leg)
+        elif self.variant == "wound_up" and drive == self.place:
+            self._wound.record(leg)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Hold the slider back."""
+        a, tau = self.place, self.values["tau_s"]
+        if self.variant == "after_effect":
+            deviation.travel_m[:, a] -= self.size * self._ways.at(state, a).mean(axis=1)
+            return
+        if self.variant == "wound_up":
+            deviation.travel_m[:, a] += self.size * self._wound.at(state, a)[:, 0]
+            return
+        t = state.since_s[:, a] / tau
+        share = np.exp(-t)
+        if self.variant == "integrator_reset":
+            own_kg = self.site.machine.moving_mass_kg
+            weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
+            deviation.travel_m[:, a] -= self.size * weight * share
+            return
+        if self.variant == "swinging_load":
+            own_kg = self.site.machine.moving_mass_kg
+            slower = np.sqrt((own_kg + state.payload_kg) / own_kg)
+            share = -slower * np.exp(-CALMS * t) * np.sin(SWINGS * t / slower)
+        elif self.variant == "ringing":
+            share = np.exp(-0.5 * t) * np.cos(2.5 * t)
+        elif self.variant == "logarithmic":
+            share = np.maximum(1.0 - np.log1p(t) / np.log(8.0), 0.0)
+        elif self.variant == "integrator":
+            share = np.maximum(1.0 - 0.5 * t, 0.0)
+        elif self.variant == "half_order":
+            share = erfcx(np.sqrt(t))
+        elif self.variant == "stretched":
+            share = np.exp(-np.sqrt(t))
+        elif self.variant == "dry_friction":
+            share = _swings(t)
+        elif self.variant == "critically_damped":
+            share = (1.0 + t) * np.exp(-t)
+        elif self.variant == "two_stages":
+            share = 0.6 * np.exp(-2.0 * t) + 0.4 * np.exp(-0.4 * t)
+        behind = state.direction[:, a] * state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
+        deviation.travel_m[:, a] -= self.size * behind * share
+
+
+def _winds(way_m: Array, _speed: Array, _start_s: Array) -> Array:
+    """What a way winds up (n,), over the limit."""
+    return np.sign(way_m) * np.clip((np.abs(way_m) - UNWOUND_M) / (WOUND_M - UNWOUND_M), 0.0, 1.0)
+
+
+def _swings(halves: Array) -> Array:
+    """Place (n,) after some half swings, from 1: each about a middle that friction shifts to where it came from."""
+    last = int(np.ceil((1.0 / STICKS - 1.0) / 2.0))  # the half swing that would begin where friction holds
+    n = np.minimum(np.floor(halves), last)
+    sign = np.where(n % 2.0 == 0.0, 1.0, -1.0)
+    swing = np.cos(np.pi * np.where(n < last, halves - n, 0.0))
+    begins = 1.0 - 2.0 * STICKS * n
+    return np.asarray(sign * np.where(n < last, STICKS + (begins - STICKS) * swing, begins))
+
+
+EFFECTS = (
+    EffectSpec(
+        name="servo_settling",
+        kind="catalogue",
+        place="drive",
+        size=EffectParameter("amplitude_m", 1e-6, 4e-5, 4e-3, "short on arrival"),
+        variants=(
+            "creep",
+            "ringing",
+            "logarithmic",
+            "integrator",
+            "two_stages",
+            "stretched",
+            "critically_damped",
+            "dry_friction",
+            "after_effect",
+            "integrator_reset",
+            "swinging_load",
+            "half_order",
+            "wound_up",
+        ),
+        final="wound_up",
+        reveals="varied dwell and speed, by variant payload or earlier motions, SMRs on the sliders",
+        make=ServoSettling,
+        others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
+    ),
+)

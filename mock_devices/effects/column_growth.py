@@ -17,6 +17,7 @@ SUN_BEGINS_S, SUN_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of sun on a col
 THIN_WALL = 0.15  # time constant of a column's thin wall over that of its thick one
 WET_BEGINS_S, WET_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of coolant on a column
 WAVE_M, HALF_WAVES = (0.6, 1.2), 2.0  # depth in which a wave of heat falls by e; its period over tau_s
+THROTTLED_M_PER_S = 0.5  # of the other drive, whose oil then has the pressure that gives the size
 DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 
@@ -39,6 +40,10 @@ class ColumnGrowth(Warming):
     `heat_wave`: heat has come and gone at its foot for long, and runs up it as a wave that is weaker and later the
     higher it comes: A. J. Ångström, "Neue Methode, das Wärmeleitungsvermögen der Körper zu bestimmen" (1861). Its
     period is HALF_WAVES times tau_s, and the size is its amplitude at the foot.
+    `neighbours_oil`: oil that moves the next drive flows back through this column, and has been warmed in a throttle by
+    the pressure that it lost there, which goes with the square of the speed: J. F. Blackburn, G. Reethof, J. L.
+    Shearer, "Fluid Power Control" (1960). The size is where it ends if that drive runs at THROTTLED_M_PER_S with rests
+    in between, at DUTY_M_PER_S on average.
     """
 
     sensor = "columns"
@@ -53,11 +58,16 @@ class ColumnGrowth(Warming):
         self.wet_begins_s = float(self.rng.uniform(*WET_BEGINS_S))
         self.wet_lasts_s = float(self.rng.uniform(*WET_LASTS_S))
         self.wave_m = float(self.rng.uniform(*WAVE_M))
+        self.next = (self.place + 1) % len(self.site.machine.sliders)
+        per_m = 1.0 / (DUTY_M_PER_S * THROTTLED_M_PER_S**2 * tau)
+        self._oil = LegMemory(lambda way, speed, _: per_m * np.abs(way) * speed**2, tau)
         fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
         self._heat = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), *fades_s)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the carriage warm its rail."""
+        """Let the carriage warm its rail, or the next one the oil."""
+        if self.variant == "neighbours_oil" and drive == self.next:
+            self._oil.record(leg)
         if self.variant == "rail_heat" and drive == self.place:
             self._heat.record(leg)
 
@@ -123,6 +133,8 @@ class ColumnGrowth(Warming):
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
         elif self.variant == "drying":
             deviation.travel_m[:, self.place] -= alpha * self.size * self._chilled(self.elapsed_s(state)) * height
+        elif self.variant == "neighbours_oil":
+            deviation.travel_m[:, self.place] += alpha * self.size * self._oil.at(state, self.next)[:, 0] * height
         elif self.variant == "heat_wave":
             waved_m = self._waved_m(self.elapsed_s(state), height)
             deviation.travel_m[:, self.place] += alpha * self.size * waved_m

@@ -14,6 +14,7 @@ LATE_S = 2400.0
 LIGHT_METAL = 4.0  # how far light metal is off from steel, over one steel from another
 FEET_K = (0.06, 0.2)  # by how much warmer a frame pushes its feet on
 TURNS_K, TURNS_BACK_K, TURNS_OVER_K = (0.05, 0.25), (0.1, 0.25), 0.1  # see `martensite`: above the begin; loop; width
+CURIE_K = (-0.1, 0.3)  # where an alloy loses its magnetism, above the temperature of the begin
 ALLOY_K = 2.0  # growth without a change of phase that is as large as the change
 _GRID_S = 30.0
 
@@ -41,6 +42,9 @@ class ExpansionCoefficient(Effect):
     `martensite`: the struts' alloy changes its phase and with it its length over a small range of temperatures, which
     lies lower while it cools than while it grows warmer: L. Kaufman, M. Cohen, "Thermodynamics and Kinetics of
     Martensitic Transformations" (1958). The change is the growth beyond what is stated by ALLOY_K.
+    `curie_kink`: the struts' alloy is magnetic when it is cool and then grows as stated; above the temperature at which
+    it loses its magnetism it grows more, by the size: R. M. Bozorth, "Ferromagnetism" (1951). The kink lies near the
+    temperature of the campaign's begin.
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -54,6 +58,7 @@ class ExpansionCoefficient(Effect):
         self.turns_k = float(self.rng.uniform(*TURNS_K))
         self.turns_back_k = self.turns_k - float(self.rng.uniform(*TURNS_BACK_K))
         self.feet_k = float(self.rng.uniform(*FEET_K))
+        self.kink_k = float(self.rng.uniform(*CURIE_K))
 
     def warmth_k(self, state: MotionState, part: str) -> Array:
         """Recorded temperature of a part above the machine file's reference (n,)."""
@@ -62,7 +67,7 @@ class ExpansionCoefficient(Effect):
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Grow the frame, the screws or both, or bend the columns."""
-        if self.variant in ("nickel_steel", "late_growth", "martensite"):
+        if self.variant in ("nickel_steel", "late_growth", "martensite", "curie_kink"):
             strain = self.size * self._struts_k(state)
             deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
             return
@@ -129,6 +134,10 @@ class ExpansionCoefficient(Effect):
             return self._late_k(state)
         if self.variant == "martensite":
             return ALLOY_K * self._turned(state)
+        if self.variant == "curie_kink":
+            sensor = self.site.machine.expansion["struts"].sensor
+            sensed_c = state.thermal.part_series_c(sensor, np.concatenate([[self.site.start_s], state.t_s]))
+            return np.maximum(sensed_c[1:] - sensed_c[0] - self.kink_k, 0.0)
         warmer_k = self.warmth_k(state, "struts")
         return warmer_k * (1.0 + warmer_k / NICKEL_K)
 
@@ -192,8 +201,9 @@ EFFECTS = (
             "platform_metal",
             "jumping_feet",
             "martensite",
+            "curie_kink",
         ),
-        final="martensite",
+        final="curie_kink",
         reveals="recorded temperatures of the parts, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),

@@ -8,7 +8,7 @@ import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState, StatefulEffect
 from mock_devices.effects.followers import HeldWarm
-from mock_devices.effects.leg_memory import Leaves, LegMemory
+from mock_devices.effects.leg_memory import Leaves, LegMemory, PassMemory
 
 DUTY_M_PER_S = 0.01
 BEARING_FIN_M = 0.35
@@ -17,6 +17,7 @@ CELLS = 46  # of a screw
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
 LIFTS, HOIST_FIN_M = 0.01, 0.6  # share of its time for which a drive lifts to end at the size; see MOTOR_FIN_M
 HOLD_FANS, HOLD_FIN_M = 4.0, 0.8  # how much faster a moving motor cools than one at rest; see MOTOR_FIN_M
+STRETCH_M, STRETCH_FIN_M = 0.15, 0.4  # of a starved stretch: its length; see MOTOR_FIN_M
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
@@ -53,6 +54,9 @@ class ScrewGrowth(StatefulEffect):
     `holding`: the current that holds the load at rest warms the motor, by its square: J. P. Joule, "On the Heat Evolved
     by Metallic Conductors of Electricity" (1841). While the drive moves, a fan on its shaft cools it. The motor sits at
     the screw's lower end, where that is held. The size is reached in long rest.
+    `starved_stretch`: one stretch has lost its grease and rubs dryly, so that every pass of the nut warms it, and the
+    warmth falls off along the screw on both sides: starved contacts in A. Cameron, "The Principles of Lubrication"
+    (1966). The size is that of the stretch if the drive runs evenly all over its travel, at DUTY_M_PER_S on average.
     """
 
     def setup(self) -> None:
@@ -67,6 +71,9 @@ class ScrewGrowth(StatefulEffect):
         self._through_nut = LegMemory(lambda way, _speed, _: per_m * np.abs(way), *fades_s)
         self._lifts = LegMemory(_lifting(LIFTS * self.values["tau_s"]), self.values["tau_s"])
         self._held = HeldWarm(HOLD_FANS, self.values["tau_s"])
+        starved = 0.5 * (low + high) + 0.5 * (high - low) * float(self.rng.uniform(-0.5, 0.5))
+        self.starved_m = starved
+        self._passed = PassMemory(starved - 0.5 * STRETCH_M, starved + 0.5 * STRETCH_M, self.values["tau_s"])
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -83,6 +90,8 @@ class ScrewGrowth(StatefulEffect):
             self._through_nut.record(leg)
         if self.variant == "lifting" and drive == self.place:
             self._lifts.record(leg)
+        if self.variant == "starved_stretch" and drive == self.place:
+            self._passed.record(leg)
         if self.variant == "holding" and drive == self.place:
             self._held.record(leg)
 
@@ -144,10 +153,8 @@ class ScrewGrowth(StatefulEffect):
             )
             deviation.travel_m[:, a] += alpha * self.size * self._lifts.at(state, a)[:, 0] * warm_m
             return
-        if self.variant == "holding":
-            up_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
-            warm = self.size * self._held.at(state, a)
-            deviation.travel_m[:, a] += alpha * warm * HOLD_FIN_M * (1.0 - np.exp(-up_m / HOLD_FIN_M))
+        if self.variant in ("holding", "starved_stretch"):
+            deviation.travel_m[:, a] += alpha * self.size * self._from_source_m(state)
             return
         if self.variant == "nut_then_screw":
             way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
@@ -174,6 +181,22 @@ class ScrewGrowth(StatefulEffect):
         else:
             way_m = x
         deviation.travel_m[:, a] += alpha * warm * way_m
+
+    def _from_source_m(self, state: MotionState) -> Array:
+        """Warmth (n,) from the screw's lower end to its nut over the size, in metres, of what warms it at one place."""
+        low, high = self.site.machine.sliders[self.place].travel_m
+        q_m = state.q_m[:, self.place]
+        if self.variant == "holding":
+            held = self._held.at(state, self.place)
+            return np.asarray(held * HOLD_FIN_M * (1.0 - np.exp(-(q_m - low) / HOLD_FIN_M)))
+        evenly_m = STRETCH_M / (high - low) * DUTY_M_PER_S * self.values["tau_s"]
+        along_m = self._beyond_stretch_m(q_m) - self._beyond_stretch_m(np.array([low]))
+        return np.asarray(self._passed.at(state, self.place) / evenly_m * along_m)
+
+    def _beyond_stretch_m(self, at_m: Array) -> Array:
+        """Metres of its whole warmth (n,) from the middle of the starved stretch to a place, below it negative."""
+        away_m = at_m - self.starved_m
+        return np.asarray(-np.sign(away_m) * STRETCH_FIN_M * np.expm1(-np.abs(away_m) / STRETCH_FIN_M))
 
 
 def _lifting(whole_s: float) -> Leaves:

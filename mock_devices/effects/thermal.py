@@ -24,6 +24,7 @@ JOINT = 0.2  # time constant of a strut's joint over that of the whole part
 JOINT_M_PER_S = 0.5
 HEATER_M = 0.35  # from a radiant heater to the strut before it
 FANS, FANS_M_PER_S = 5.0, 0.5  # what a strut loses beyond still air, over that, at a speed of its drive
+PIPE_STARTS = 0.3  # of half the travel: within which of its middle a heat pipe starts, by lot
 STOP_M_PER_S, STOP_S = 0.5, 60.0  # of stops that warm a damping layer to the size: from which speed, how often
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -47,6 +48,9 @@ class LinkGrowth(Warming):
     `damping_layer`: a damping layer inside it takes up the kinetic energy of every stop, however short the way was, and
     passes the heat on: L. Cremer, M. Heckl, "Structure-Borne Sound" (1973). `rise_k` is where it ends with a stop from
     STOP_M_PER_S every STOP_S.
+    `heat_pipe`: a heat pipe inside it begins where the strut is warm, and works only while its fluid runs back by its
+    weight, so while its drive stands above a certain place: T. P. Cotter, "Theory of Heat Pipes" (1965). `rise_k` is
+    where it ends if the pipe works on, which it nears with tau_s; else it cools.
     """
 
     def setup(self) -> None:
@@ -61,6 +65,8 @@ class LinkGrowth(Warming):
         middle, half = self.site.drive_range_m(self.site.machine.struts[self.place].drive)
         self.heater_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
         self._shone_on = PlaceMemory(self.shines, tau)
+        self.starts_m = middle + half * float(self.rng.uniform(-PIPE_STARTS, PIPE_STARTS))
+        self._piped = PlaceMemory(lambda q_m: (q_m > self.starts_m).astype(np.float64), tau)
         self._fanned = Fanned(lambda speed: 1.0 + FANS * np.sqrt(np.maximum(speed, 0.0) / FANS_M_PER_S), tau)
 
     def shines(self, q_m: Array) -> Array:
@@ -77,6 +83,8 @@ class LinkGrowth(Warming):
             self._rubbed.record(leg)
         elif self.variant == "radiant_heater":
             self._shone_on.record(leg)
+        elif self.variant == "heat_pipe":
+            self._piped.record(leg)
         elif self.variant == "fanned":
             self._fanned.record(leg)
         elif self.variant == "damping_layer":
@@ -86,6 +94,8 @@ class LinkGrowth(Warming):
         """The temperature above the sensor (n,)."""
         if self.variant == "radiant_heater":
             return self.size * self._shone_on.at(state, self.site.machine.struts[self.place].drive)
+        if self.variant == "heat_pipe":
+            return self.size * self._piped.at(state, self.site.machine.struts[self.place].drive)
         if self.variant == "fanned":
             return self.size * self._fanned.at(state, self.site.machine.struts[self.place].drive)
         sources = {"joint_heat": self._heat, "rubbing_joint": self._rubbed, "damping_layer": self._stopped}
@@ -135,8 +145,9 @@ EFFECTS = (
             "rubbing_joint",
             "fanned",
             "damping_layer",
+            "heat_pipe",
         ),
-        "damping_layer",
+        "heat_pipe",
         "time, a temperature swing; by variant travel, speed, stops and place",
         LinkGrowth,
     ),
@@ -156,9 +167,10 @@ EFFECTS = (
             "sun_on_face",
             "drying",
             "heat_wave",
+            "neighbours_oil",
         ),
-        "heat_wave",
-        "time or distance moved, a temperature swing, SMRs on the sliders",
+        "neighbours_oil",
+        "time or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
@@ -176,8 +188,9 @@ EFFECTS = (
             "nut_then_screw",
             "lifting",
             "holding",
+            "starved_stretch",
         ),
-        "holding",
+        "starved_stretch",
         "time and distance moved, by variant direction, speed and dwell, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),

@@ -21,6 +21,8 @@ RESTARTS = 32
 STEERS_S, DAMPED = (900.0, 1800.0), 0.05  # of a clock's loop: period, damping
 BEATS_S = (150.0, 500.0)  # in which one cycle runs past another
 LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
+OIL_K, ABSOLUTE_K = 10000.0, 273.15  # of an oil: viscosity is exp(OIL_K / T) at the absolute temperature T
+RESONATES_M_PER_S, BROAD = (0.15, 0.4), 0.25  # speed at which a filter delays most; half width over that
 WRAPS = 0.5  # friction of a rope on its pulleys times the angle round which it lies
 SHORTER, SWITCHES_M_PER_S = (0.15, 0.5), (0.15, 0.35)  # delay of a second filter, over the first one's; speed
 
@@ -47,6 +49,9 @@ class AxisCoupling(Effect):
     `shared_rope`: a rope over pulleys ties both axes, and friction on the pulleys makes its pull larger or smaller by
     which way the other one went last, by an exponential of the angle round which the rope lies: L. Euler, "Remarques
     sur l'effet du frottement dans l'équilibre" (1762). The ratio is that without friction.
+    `oily_link`: a link full of viscous oil ties both axes and passes the more on the stiffer that is, by the
+    exponential of E. N. da C. Andrade, "The Viscosity of Liquids" (1930), at the temperature of the drives. The ratio
+    is that at the reference temperature.
     """
 
     def setup(self) -> None:
@@ -60,6 +65,16 @@ class AxisCoupling(Effect):
         """Let the other axis drag the chain."""
         if self.variant == "dragged_chain" and drive == self.other:
             self._chain.record(leg)
+
+    def _passes(self, state: MotionState) -> Array:
+        """What a bridge, a link or a rope passes on (n,), over the ratio."""
+        machine = self.site.machine
+        if self.variant == "oily_link":
+            now_k = ABSOLUTE_K + state.parts_c[machine.expansion["drives"].sensor]
+            return np.asarray(np.exp(OIL_K / now_k - OIL_K / (ABSOLUTE_K + machine.reference_temperature_c)))
+        if self.variant == "shared_rope":
+            return np.asarray(np.exp(WRAPS * state.direction[:, self.other]))
+        return np.asarray(1.0 + state.payload_kg / machine.moving_mass_kg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider; one metre of the other axis gives `ratio`."""
@@ -78,10 +93,8 @@ class AxisCoupling(Effect):
             y = 0.25 * np.sin(2.0 * np.pi * (state.q_m[:, b] - state.q_m[:, a]) / RESOLVER_M + self.phase)
         elif self.variant == "turn_of_other":
             y = 0.25 * np.sin(2.0 * np.pi * state.q_m[:, b] / self.lead_m + self.phase)
-        elif self.variant == "loaded_bridge":
-            y = x * (1.0 + state.payload_kg / self.site.machine.moving_mass_kg)
-        elif self.variant == "shared_rope":
-            y = x * np.exp(WRAPS * state.direction[:, b])
+        elif self.variant in ("loaded_bridge", "oily_link", "shared_rope"):
+            y = x * self._passes(state)
         elif self.variant == "dragged_chain":
             y = self._chain.at(state, b) - middle
         elif self.variant == "elastic_bed":
@@ -127,6 +140,8 @@ class Latency(Effect):
     `adaptive_filter`: above a certain speed the station filters with a shorter window, which lags behind less: filters
     that adapt to what they see in B. Widrow, S. D. Stearns, "Adaptive Signal Processing" (1985). The size is the delay
     of the longer one.
+    `group_delay`: a filter that is tuned to a vibration delays most what changes at one rate, here at one speed of the
+    machine, and less above and below: E. A. Guillemin, "Communication Networks" (1935). The size is the longest delay.
     """
 
     def setup(self) -> None:
@@ -137,6 +152,7 @@ class Latency(Effect):
         self.phase = float(self.rng.uniform(0.0, 1.0))
         self.shorter = float(self.rng.uniform(*SHORTER))
         self.switches_m_per_s = float(self.rng.uniform(*SWITCHES_M_PER_S))
+        self.resonates_m_per_s = float(self.rng.uniform(*RESONATES_M_PER_S))
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -156,10 +172,14 @@ class Latency(Effect):
             elif self.variant == "steered_clock":
                 share = self._left_of_step(t)
             return np.asarray(self.size * share)
-        if self.variant in ("adaptive_filter", "with_speed"):
+        if self.variant in ("adaptive_filter", "with_speed", "group_delay"):
             speed = np.abs(state.velocity_m_per_s).max(axis=1)
-            share = np.where(speed > self.switches_m_per_s, self.shorter, 1.0)
-            return np.asarray(self.size * (share if self.variant == "adaptive_filter" else speed / 0.25))
+            share = speed / 0.25
+            if self.variant == "adaptive_filter":
+                share = np.where(speed > self.switches_m_per_s, self.shorter, 1.0)
+            elif self.variant == "group_delay":
+                share = 1.0 / (1.0 + ((speed / self.resonates_m_per_s - 1.0) / BROAD) ** 2)
+            return np.asarray(self.size * share)
         return self.size
 
     def _left_of_step(self, t: Array) -> Array:
@@ -194,9 +214,11 @@ EFFECTS = (
             "turn_of_other",
             "loaded_bridge",
             "shared_rope",
+            "oily_link",
         ),
-        final="shared_rope",
-        reveals="the other drive's coordinate or motion, by variant payload, direction, SMRs on the sliders",
+        final="oily_link",
+        reveals="the other drive's coordinate or motion, by variant payload, direction, temperature, SMRs on the "
+        "sliders",
         make=AxisCoupling,
     ),
     EffectSpec(
@@ -216,8 +238,9 @@ EFFECTS = (
             "steered_clock",
             "beating_cycles",
             "adaptive_filter",
+            "group_delay",
         ),
-        final="adaptive_filter",
+        final="group_delay",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),

@@ -24,6 +24,7 @@ STEPS_M_PER_S, STEPS = 0.3, 40.0  # above which a stepping motor loses steps; mo
 READER_S, DUTY_M_PER_S = 900.0, 0.02  # of a reading head's holder: time constant; mean speed for the size
 SLIPS_M_PER_S, SLIPS = 0.2, 15.0  # a stop from this speed slips no coupling; sum of excesses for the size
 DAMP_S = (1500.0, 5000.0)  # of a scale that takes up moisture: slowest time constant
+JUMPS_S, JUMPS = 900.0, 3.0  # of a belt that jumps: mean time between two jumps; jumps to the size
 RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
 
@@ -55,6 +56,9 @@ class DriveScale(StatefulEffect):
     `slipping_coupling`: from the onset on every hard stop slips the coupling between drive and encoder a little, in the
     sense of its motion, by what the kinetic energy exceeds that which friction holds: F. P. Bowden, D. Tabor, "The
     Friction and Lubrication of Solids" (1950). The size is that of three stops from 0.5 m/s on one side.
+    `jumping_belt`: from the onset on a worn belt with fine teeth jumps by one of them at random moments, always
+    downwards as the weight pulls: events that are rare in S. D. Poisson, "Recherches sur la probabilité des jugements"
+    (1837). The size is that of JUMPS.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -67,6 +71,7 @@ class DriveScale(StatefulEffect):
         self.offsets = np.concatenate([[0.0, float(np.sign(self.rng.standard_normal()))], rest])[:32]
         self.sign = float(self.offsets[1])
         self.damp_s = float(self.rng.uniform(*DAMP_S))
+        self.jumps_s = np.concatenate([[0.0], np.cumsum(self.rng.exponential(JUMPS_S, 60))])
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         onset_s = self.site.start_s + self.values["onset_s"]
         self._slid = LegMemory(
@@ -108,6 +113,9 @@ class DriveScale(StatefulEffect):
             y = self.sign * self._warmed.at(state, a)[:, 0]
         elif self.variant == "slipping_coupling":
             y = self._slid.at(state, a)[:, 0]
+        elif self.variant == "jumping_belt":
+            jumped = np.searchsorted(self.jumps_s, state.t_s - self.site.start_s - self.values["onset_s"], side="right")
+            y = -jumped / JUMPS
         elif self.variant == "relaxing_tape":
             strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
             y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
@@ -151,8 +159,9 @@ EFFECTS = (
             "warm_reader",
             "damp_scale",
             "slipping_coupling",
+            "jumping_belt",
         ),
-        final="slipping_coupling",
+        final="jumping_belt",
         reveals="time or motions made, by variant their speed and direction, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),

@@ -30,6 +30,11 @@ RIPPLES = 6  # of a motor's torque in one turn of the screw
 PIECE_M = 0.2  # of a rack
 HELD_M = 0.25  # from one holder of a tape to the next
 FIELDS_M = (0.09, 0.16)  # of a grating that was written in fields
+CHANGE_M, UNEQUAL = (
+    (0.06, 0.1),
+    (0.06, 0.12),
+)  # of change wheels: travel of a turn of one; by how much the other differs
+FRESH, ROUGHENS_M = 0.1, 100.0  # runout of a new bearing over the size; way of its drive after which it has the size
 TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
 
@@ -54,6 +59,8 @@ class CumulativeError(Effect):
     `stitched_fields`: a scale's grating was written field by field, every field at its place but too long by the same,
     so that the error is a saw: A. Teimel, "Technology and Applications of Grating Interferometers in High-Precision
     Measurement" (1992).
+    `beating_wheels`: two change wheels of nearly equal numbers of teeth, neither true, drove the screw's grinder, and
+    their waves add up here and cancel there: E. Buckingham, "Analytical Mechanics of Gears" (1949).
     """
 
     def setup(self) -> None:
@@ -83,6 +90,12 @@ class CumulativeError(Effect):
         self.copied_level = np.polyfit(fine, copied, 1)
         self.field_m = float(self.rng.uniform(*FIELDS_M))
         self.field_at_m = float(self.rng.uniform(0.0, self.field_m))
+        first_m = float(self.rng.uniform(*CHANGE_M))
+        self.change_m = first_m * np.array([1.0, 1.0 + float(self.rng.uniform(*UNEQUAL))])
+        self.change_phases = self.rng.uniform(0.0, 2.0 * np.pi, 2)
+        beating = self._beating(fine)
+        self.beating_level = np.polyfit(fine, beating, 1)
+        self.beating_most = float(np.abs(beating - np.polyval(self.beating_level, fine)).max())
         self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
@@ -103,6 +116,10 @@ class CumulativeError(Effect):
         """What the wheels of a grinder have left (n,), over their first harmonic."""
         turn = 2.0 * np.pi * q_m / self.copied_m
         return np.asarray(np.sin(turn + self.phases[0]) + THREADS * np.sin(3.0 * turn + self.phases[1]))
+
+    def _beating(self, q_m: Array) -> Array:
+        """What both change wheels have left (n,), over the error of one."""
+        return np.asarray(np.sin(2.0 * np.pi * q_m[:, None] / self.change_m + self.change_phases).sum(axis=1))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -128,6 +145,9 @@ class CumulativeError(Effect):
         elif self.variant == "copied_gear":
             q = state.q_m[:, self.place]
             y = (self._copied(q) - np.polyval(self.copied_level, q)) / self.copied_most
+        elif self.variant == "beating_wheels":
+            q = state.q_m[:, self.place]
+            y = (self._beating(q) - np.polyval(self.beating_level, q)) / self.beating_most
         elif self.variant == "stitched_fields":
             y = 2.0 * ((state.q_m[:, self.place] - self.field_at_m) / self.field_m % 1.0) - 1.0
         elif self.variant == "two_pieces":  # two scales butted together
@@ -159,6 +179,9 @@ class PeriodicError(Effect):
     `twisted_phase`: the payload twists the screw between its nut and the encoder at its upper end, the more of it there
     is in between, so that the whole error comes later in the turn: torsion in J. P. Den Hartog, "Advanced Strength of
     Materials" (1952).
+    `growing_runout`: the bearing that holds the screw wears on one side, by the way that it runs, and what was hardly
+    an error grows with it: J. F. Archard, "Contact and Rubbing of Flat Surfaces" (1953). The size is that after
+    ROUGHENS_M.
     """
 
     def setup(self) -> None:
@@ -169,8 +192,8 @@ class PeriodicError(Effect):
         self.askew = float(self.rng.uniform(*ASKEW))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the balls of this drive slip."""
-        if self.variant == "slipping_balls" and drive == self.place:
+        """Let the balls of this drive slip, or its bearing wear."""
+        if self.variant in ("slipping_balls", "growing_runout") and drive == self.place:
             self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -202,17 +225,24 @@ class PeriodicError(Effect):
         elif self.variant == "universal_joint":
             ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
             y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
-        elif self.variant == "bowed_screw":
-            low, high = self.site.machine.sliders[self.place].travel_m
-            y = y * np.cos(np.pi * (q - low) / (high - low))
-        elif self.variant == "modulated":  # the screw runs out of true towards one end
-            middle, half = self.site.drive_range_m(self.place)
-            y = y * (1.0 + 0.8 * (q - middle) / half)
-        elif self.variant == "with_load":
-            y = y * (0.6 + 0.8 * state.payload_kg / FULL_PAYLOAD_KG)
+        elif self.variant in ("bowed_screw", "modulated", "with_load", "growing_runout"):
+            y = y * self._large(state)
         elif self.variant == "triangle":
             y = 2.0 / np.pi * np.arcsin(y) * 1.2
         deviation.travel_m[:, self.place] += self.size * y
+
+    def _large(self, state: MotionState) -> Array:
+        """How large the error of a whole turn is (n,), over the size."""
+        q = state.q_m[:, self.place]
+        if self.variant == "bowed_screw":
+            low, high = self.site.machine.sliders[self.place].travel_m
+            return np.asarray(np.cos(np.pi * (q - low) / (high - low)))
+        if self.variant == "modulated":  # the screw runs out of true towards one end
+            middle, half = self.site.drive_range_m(self.place)
+            return np.asarray(1.0 + 0.8 * (q - middle) / half)
+        if self.variant == "growing_runout":
+            return np.asarray(FRESH + (1.0 - FRESH) * self._ways.at(state, self.place)[:, 0] / ROUGHENS_M)
+        return np.asarray(0.6 + 0.8 * state.payload_kg / FULL_PAYLOAD_KG)
 
     def _faces_apart(self, turn: Array) -> Array:
         """How far both faces are apart (n,), over the tilt of the one that does not turn."""
@@ -237,8 +267,9 @@ EFFECTS = (
             "sagging_tape",
             "copied_gear",
             "stitched_fields",
+            "beating_wheels",
         ),
-        final="stitched_fields",
+        final="beating_wheels",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -261,9 +292,11 @@ EFFECTS = (
             "thrust_faces",
             "torque_ripple",
             "twisted_phase",
+            "growing_runout",
         ),
-        final="twisted_phase",
-        reveals="many drive positions off a grid, by variant direction and payload, SMRs on the sliders",
+        final="growing_runout",
+        reveals="many drive positions off a grid, by variant direction, payload and distance moved, SMRs on the "
+        "sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
     ),

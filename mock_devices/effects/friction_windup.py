@@ -18,6 +18,7 @@ REBUILT_S, SHEARED_M, LEAST = 40.0, 0.4, 0.25  # of a grease: rest, travel; shar
 VOGEL_K, VOGEL_C = 1000.0, -95.0  # of an oil for gears, at 20 degrees
 LIPS, LIPS_DOWN = 0.35, 0.45  # friction of seals: share that no speed changes; downwards over upwards
 LASTS, RUNS_IN_M = 0.25, 40.0  # friction of a screw that is run in over that of a new one; way in which it falls by e
+TIGHT, FREE = 0.3, 0.15  # of a bent guide: half the stretch that binds over half the travel; friction outside it
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
@@ -44,12 +45,17 @@ class FrictionWindup(Play):
     is that upwards at the reference speed.
     `running_in`: a new screw runs in, and its friction falls with its way towards what lasts: P. J. Blau, "Friction and
     Wear Transitions of Materials" (1989). `friction_n` is that of the new one.
+    `tight_stretch`: a guide that is bent binds within one stretch of the travel, with edges, and is nearly free outside
+    it: bearings out of line in F. T. Barwell, "Bearing Systems: Principles and Practice" (1979). `friction_n` is that
+    within the stretch.
     """
 
     def setup(self) -> None:
         """Phase of friction along the screw; structure of the grease before every leg, intact at first."""
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._structure = [[1.0] for _ in self.site.machine.sliders]
+        middle, half = self.site.drive_range_m(self.place)
+        self.binds_m = middle + half * float(self.rng.uniform(-0.4, 0.4))
         self._run = LegMemory(ways_m)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -103,6 +109,9 @@ class FrictionWindup(Play):
             friction = friction * (LIPS + (1.0 - LIPS) * film) * np.where(friction > 0.0, 1.0, LIPS_DOWN)
         elif self.variant == "running_in":
             friction = friction * (LASTS + (1.0 - LASTS) * np.exp(-self._run.at(state, a)[:, 0] / RUNS_IN_M))
+        elif self.variant == "tight_stretch":
+            _, half = self.site.drive_range_m(a)
+            friction = friction * np.where(np.abs(state.q_m[:, a] - self.binds_m) < TIGHT * half, 1.0, FREE)
         elif self.variant == "guide_pressed":
             own_kg = self.site.machine.moving_mass_kg
             pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
@@ -153,8 +162,9 @@ EFFECTS = (
             "ambient_viscosity",
             "seal_lips",
             "running_in",
+            "tight_stretch",
         ),
-        final="running_in",
+        final="tight_stretch",
         reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, earlier motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,

@@ -30,6 +30,10 @@ CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diam
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
 SPANS_M, SAG = (0.26, 0.4), 0.6  # from support to support; sag without payload midway between two, over the size
 ROLLERS_M, UNLIKE = (0.025, 0.045), (0.03, 0.1)  # of a carriage: diameter of its rollers; by how much they differ
+RACKS, BOWS = 0.7, 0.8  # of a racked frame: lean and bow of a guide at the other carriage's upper end, over the size
+WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of its rail over the size; speed that gives
+# the size; time in which its film is pressed out to 1 / sqrt(2)
+BY_MOTION = ("gib_play", "off_centre_drive", "racked_frame", "tilting_pad")
 BY_RAIL = ("bolt_dips", "moving_load", "two_blocks_one_dent", "unloaded_block", "unround_rollers")
 OVAL = 0.4  # error of a roller twice a turn, over that once a turn
 DENT_M, DENTS = 0.045, 1.8  # of a dent in a rail: half width; depth under one block, over the size
@@ -75,6 +79,12 @@ class _Guide(Effect):
     `unloaded_block`: above a certain payload a runner block has lost its preload, and the carriage tips over the others
     and follows the waves of the rail further, in proportion to what is beyond: preload of guides in M. Weck, C.
     Brecher, "Werkzeugmaschinen 2" (2006).
+    `racked_frame`: both guides belong to one frame, which the next carriage racks by where it stands, one way when it
+    is high and the other way when it is low; this guide then leans and bows: H. Cross, "Analysis of Continuous Frames
+    by Distributing Fixed-End Moments" (1930).
+    `tilting_pad`: the pad under the carriage rides up on its oil at the edge that leads, with the root of the speed,
+    and turns the carriage by the direction of its motion, until the film is pressed out at rest: A. G. M. Michell, "The
+    Lubrication of Plane Surfaces" (1905). The size is that when a motion at PAD_M_PER_S stops.
     """
 
     slope = False
@@ -107,6 +117,7 @@ class _Guide(Effect):
         diameter_m = float(self.rng.uniform(*ROLLERS_M))
         self.unloads_kg = float(self.rng.uniform(*UNLOADS_KG))
         self.turns_m = np.pi * diameter_m * np.array([1.0, 1.0 + float(self.rng.uniform(*UNLIKE))])
+        self.pad_s = float(self.rng.uniform(*PAD_S))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the cage creep."""
@@ -171,6 +182,29 @@ class _Guide(Effect):
         lifts = np.sin(turn) + OVAL * np.sin(2.0 * turn)
         return np.asarray(0.7 * (lifts[:, 0] - lifts[:, 1]))
 
+    def _by_motion(self, x: Array, state: MotionState) -> Array:
+        """What the last motion, or the place of the next carriage, makes of the line or the angle (n,)."""
+        if self.variant == "racked_frame":
+            return self._racked(x, state)
+        if self.variant == "tilting_pad":
+            return self._ridden_up(state)
+        return state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
+
+    def _racked(self, x: Array, state: MotionState) -> Array:
+        """How a frame that the next carriage racks moves this guide (n,)."""
+        b = (self.place + 1) % len(self.site.machine.sliders)
+        middle, half = self.site.drive_range_m(b)
+        return np.asarray((state.q_m[:, b] - middle) / half * (RACKS * x + BOWS * (2.0 * x**2 - 1.0)))
+
+    def _ridden_up(self, state: MotionState) -> Array:
+        """How far a pad has tilted (n,), with the waves of its rail."""
+        a = self.place
+        film = np.sqrt(np.maximum(state.speed_m_per_s[:, a], 0.0) / PAD_M_PER_S)
+        left = state.direction[:, a] * film / np.sqrt(1.0 + state.since_s[:, a] / self.pad_s)
+        return np.asarray(
+            left + WAVY * np.sin(2.0 * np.pi * state.q_m[:, a] / self.values["wavelength_m"] + self.phase)
+        )
+
     def error(self, state: MotionState) -> Array:
         q = state.q_m[:, self.place]
         middle, half = self.site.drive_range_m(self.place)
@@ -190,8 +224,8 @@ class _Guide(Effect):
             y = 0.7 * (self._over_blocks(q - middle) - np.polyval(self.line, q - middle)) / self.rms
         elif self.variant == "uneven_supports":
             y = 0.7 * (self._over_supports(q - middle) - np.polyval(self.level, q - middle)) / self.bent_rms
-        elif self.variant in ("gib_play", "off_centre_drive"):
-            y = state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
+        elif self.variant in BY_MOTION:
+            y = self._by_motion(x, state)
         elif self.variant == "creeping_cage":
             cage = 0.5 * q + CREEPS * self._ways.at(state, self.place)[:, 0]
             y = np.sin(2.0 * np.pi * cage[:, None] / self.rollers_m + self.phases).sum(axis=1) / math.sqrt(3.0)
@@ -244,9 +278,10 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
-        variants=(*_VARIANTS, "creeping_cage", "bolt_dips", "moving_load", "two_blocks_one_dent"),
-        final="two_blocks_one_dent",
-        reveals="drive coordinate, by variant direction, payload or distance moved, SMRs on the sliders",
+        variants=(*_VARIANTS, "creeping_cage", "bolt_dips", "moving_load", "two_blocks_one_dent", "racked_frame"),
+        final="racked_frame",
+        reveals="drive coordinate, by variant the other one's, direction, payload or distance moved, SMRs on the "
+        "sliders",
         make=Straightness,
         others=_WAVE,
     ),
@@ -255,9 +290,10 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
-        variants=(*_VARIANTS, "ball_passage", "off_centre_drive", "unround_rollers", "unloaded_block"),
-        final="unloaded_block",
-        reveals="drive coordinate, by variant direction and payload, platform rotation; not a slider's SMR",
+        variants=(*_VARIANTS, "ball_passage", "off_centre_drive", "unround_rollers", "unloaded_block", "tilting_pad"),
+        final="tilting_pad",
+        reveals="drive coordinate, by variant direction, speed, dwell and payload, platform rotation; not a slider's "
+        "SMR",
         make=Angular,
         others=_WAVE,
     ),

@@ -16,6 +16,7 @@ BITS, FILLS = 4, (0.75, 1.0)  # of a converter; share of its range that the sign
 IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
 SET_K, SIGNALS_K = (1.5, 4.0), 1.5  # how far from the reference signals were corrected; kelvin that give the size
 DROP_M, SMEARS_M, WETTED = 0.12, 15.0, 2.0  # of a drop: half width at first; way that smears it; error at first
+SQUARE = 0.4  # of half the travel: within which of its middle a twisted grating is square to its head, by lot
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 
@@ -44,6 +45,9 @@ class Interpolation(Effect):
     `smeared_drop`: a drop of oil lies on the scale, and the head smears it with every metre of its way, wider with the
     root of the way and as much thinner; where it is thick it takes light from one signal: dragged films in L. Landau,
     B. Levich, "Dragging of a Liquid by a Moving Plate" (1942).
+    `twisted_grating`: the scale lies twisted, and its head leans the more the farther it is from where both are square,
+    so that the phase between its fields of moiré errs this way and that way on both sides: G. Oster, M. Wasserman, C.
+    Zwerling, "Theoretical Interpretation of Moiré Patterns" (1964). The size is that half the travel away.
     """
 
     def setup(self) -> None:
@@ -58,6 +62,7 @@ class Interpolation(Effect):
 
         middle, half = self.site.drive_range_m(self.place)
         self.drop_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
+        self.square_m = middle + half * float(self.rng.uniform(-SQUARE, SQUARE))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the head smear the drop."""
@@ -91,6 +96,9 @@ class Interpolation(Effect):
         elif self.variant == "smeared_drop":
             wider = np.sqrt(1.0 + self._ways.at(state, self.place)[:, 0] / SMEARS_M)
             y = WETTED / wider * np.exp(-(((q - self.drop_m) / (DROP_M * wider)) ** 2)) * np.sin(phase)
+        elif self.variant == "twisted_grating":
+            _, half = self.site.drive_range_m(self.place)
+            y = (q - self.square_m) / half * y
         elif self.variant == "harmonics":
             y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
@@ -138,8 +146,9 @@ EFFECTS = (
             "few_bits",
             "warm_signals",
             "smeared_drop",
+            "twisted_grating",
         ),
-        final="smeared_drop",
+        final="twisted_grating",
         reveals="many drive positions off a grid, by variant temperature or distance moved, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

@@ -22,6 +22,7 @@ RISE_M = (1.0e-3, 1.0e-2)
 NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # a nut's warmth: decay; mean speed at which it is one; play closed
 GAP_PER_K = 0.25  # of a play, by which housing and screw change it together
 NEW, WEARS_M = 0.15, 100.0  # play of a new nut over the size; way of its drive after which it has the size
+BALLS, LIFE_M, LIVES, WHOLE = 8, 80.0, 2.0, 0.15  # that break: how many; scale and shape of their lives; play before
 SHAKES_M_PER_S = 0.2  # of the other drive, from which it shakes a slider all the way through its play
 TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
@@ -70,6 +71,9 @@ class Backlash(Play):
     still moves when this one stops, shakes that friction off, so that the slider slides down to the lower flank, with
     the square of the other one's speed: J. J. Thomsen, "Using Fast Vibrations to Quench Friction-Induced Oscillations"
     (1999).
+    `breaking_balls`: the weakest balls of the nut break one after the other, each after a way that is drawn from the
+    distribution of W. Weibull, "A Statistical Theory of the Strength of Materials" (1939), and each widens the play by
+    the same. The size is the play when all of them have broken.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -80,7 +84,7 @@ class Backlash(Play):
         super().record_leg(drive, leg)
         if self.variant == "warm_nut" and drive == self.place:
             self._nut.record(leg)
-        if self.variant == "wearing" and drive == self.place:
+        if self.variant in ("wearing", "breaking_balls") and drive == self.place:
             self._worn.record(leg)
         if self.variant == "nested_plays":
             states = self._nested[drive]
@@ -120,6 +124,15 @@ class Backlash(Play):
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.rise_m = float(np.exp(self.rng.uniform(*np.log(RISE_M))))
         self.opens_per_k = GAP_PER_K * float(self.rng.choice([-1.0, 1.0]))
+        self.breaks_m = np.sort(LIFE_M * self.rng.weibull(LIVES, BALLS))
+
+    def _opened(self, state: MotionState) -> Array:
+        """How wide wear or broken balls have made the play (n,), over the size."""
+        way_m = self._worn.at(state, self.place)[:, 0]
+        if self.variant == "breaking_balls":
+            broken = np.searchsorted(self.breaks_m, way_m, side="right")
+            return np.asarray(WHOLE + (1.0 - WHOLE) * broken / BALLS)
+        return np.asarray(NEW + (1.0 - NEW) * way_m / WEARS_M)
 
     def _shaken(self, state: MotionState) -> Array:
         """How far through its play the next drive has shaken the slider (n,), from 0 to 1."""
@@ -145,8 +158,8 @@ class Backlash(Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
-        elif self.variant == "wearing":
-            offset = offset * (NEW + (1.0 - NEW) * self._worn.at(state, a)[:, 0] / WEARS_M)
+        elif self.variant in ("wearing", "breaking_balls"):
+            offset = offset * self._opened(state)
         elif self.variant == "shaken_down":
             offset = offset - self._shaken(state) * (offset + 0.5 * self.size)
         elif self.variant == "temperature_gap":
@@ -189,8 +202,9 @@ EFFECTS = (
             "temperature_gap",
             "wearing",
             "shaken_down",
+            "breaking_balls",
         ),
-        final="shaken_down",
+        final="breaking_balls",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
         "drive, temperature, earlier motions",
         make=Backlash,

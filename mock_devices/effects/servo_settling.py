@@ -6,13 +6,14 @@ import numpy as np
 from scipy.special import erfcx
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
-from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.leg_memory import LegMemory, motions
 
 REFERENCE_SPEED_M_PER_S = 0.5
 SWINGS, CALMS = 3.0, 0.5  # of a load: rate and decay, over tau_s
 LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; travel that leaves the size
 UNWINDS = 3.0  # time constant of an integral part that unwinds, over tau_s
 WOUND_M, UNWOUND_M = 0.25, 0.04  # ways of which an integral part is wound up to its limit, or not at all
+LEARNS = 150.0  # motions in which a controller has learnt all but 1 / e
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -40,29 +41,43 @@ class ServoSettling(Effect):
     `wound_up`: the integral part winds up over every long way, up to its limit, and carries the slider beyond until it
     has unwound: K. J. Åström, L. Rundqwist, "Integrator Windup and How to Avoid It" (1989). A short approach leaves
     what the long way before it has wound up. The size is what the limit gives, at any speed.
+    `learning`: the controller learns from every motion, so that each arrival is behind by a constant share less than
+    the one before: S. Arimoto, S. Kawamura, F. Miyazaki, "Bettering Operation of Robots by Learning" (1984). What is
+    left goes as an integral part takes it up. The size is that of one which has learnt nothing yet.
     """
 
     def setup(self) -> None:
         """What the belt has not yet forgotten."""
         tau = self.values["tau_s"]
         self._ways = LegMemory(lambda way, _speed, _: way / AFTER_M, tau, LONG * tau)
+        self._learnt = LegMemory(motions)
         self._wound = LegMemory(_winds, UNWINDS * tau)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the belt of this drive remember."""
         if self.variant == "after_effect" and drive == self.place:
             self._ways.record(leg)
+        elif self.variant == "learning" and drive == self.place:
+            self._learnt.record(leg)
         elif self.variant == "wound_up" and drive == self.place:
             self._wound.record(leg)
+
+    def _remembered(self, state: MotionState) -> Array:
+        """How far beyond its target earlier motions let the slider stand (n,), over the size."""
+        a = self.place
+        if self.variant == "wound_up":
+            return self._wound.at(state, a)[:, 0]
+        if self.variant == "after_effect":
+            return -self._ways.at(state, a).mean(axis=1)
+        behind = state.direction[:, a] * state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
+        left = np.exp(-state.since_s[:, a] / (UNWINDS * self.values["tau_s"]))
+        return np.asarray(-behind * left * np.exp(-self._learnt.at(state, a)[:, 0] / LEARNS))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
         a, tau = self.place, self.values["tau_s"]
-        if self.variant == "after_effect":
-            deviation.travel_m[:, a] -= self.size * self._ways.at(state, a).mean(axis=1)
-            return
-        if self.variant == "wound_up":
-            deviation.travel_m[:, a] += self.size * self._wound.at(state, a)[:, 0]
+        if self.variant in ("after_effect", "wound_up", "learning"):
+            deviation.travel_m[:, a] += self.size * self._remembered(state)
             return
         t = state.since_s[:, a] / tau
         share = np.exp(-t)
@@ -130,8 +145,9 @@ EFFECTS = (
             "swinging_load",
             "half_order",
             "wound_up",
+            "learning",
         ),
-        final="wound_up",
+        final="learning",
         reveals="varied dwell and speed, by variant payload or earlier motions, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),

@@ -18,6 +18,7 @@ PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
 WELL = 8.0  # tau_s over the time in which a well is felt at the foot
 LOADINGS, HARDENS = 4.0, 0.4  # exchanges of payload after which the size is reached; exponent of their number
 FOLLOWS = 0.05  # time constant in which wet soil follows its load, over tau_s
+AT_ONCE = 0.5  # share of a bowl under the other foot that follows at once
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
 
@@ -48,6 +49,10 @@ class FoundationSettling(Effect):
     carriage is low, so that the platform is near and its weight on this foot, and water comes back into it while the
     carriage is high: M. A. Biot, "General Theory of Three-Dimensional Consolidation" (1941). The size is that of a
     carriage that stays at its lower end.
+    `neighbours_bowl`: both feet stand on the same soft ground, wet from the onset on, and the weight on the next foot,
+    more of it while that one's carriage is low, presses a bowl in which this foot sinks too, partly at once and partly
+    as water leaves the ground: R. D. Mindlin, "Force at a Point in the Interior of a Semi-Infinite Solid" (1936). The
+    size is that of the next carriage if it stays at its lower end.
     """
 
     def setup(self) -> None:
@@ -57,6 +62,10 @@ class FoundationSettling(Effect):
         self.pumps_s = float(self.rng.uniform(*PUMPS)) * self.values["tau_s"]
         low, high = self.site.machine.sliders[self.place].travel_m
         self._pressed = PlaceMemory(lambda q_m: (high - q_m) / (high - low), FOLLOWS * self.values["tau_s"])
+        self.next = (self.place + 1) % len(self.site.machine.sliders)
+        next_low, next_high = self.site.machine.sliders[self.next].travel_m
+        self._weight_beside = lambda q_m: (next_high - q_m) / (next_high - next_low)
+        self._bowl = PlaceMemory(self._weight_beside, FOLLOWS * self.values["tau_s"])
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -65,6 +74,8 @@ class FoundationSettling(Effect):
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let every motion shake the sand, or the soil be pressed where its carriage stands."""
+        if self.variant == "neighbours_bowl" and drive == self.next:
+            self._bowl.record(leg)
         if self.variant == "follows_weight" and drive == self.place:
             self._pressed.record(leg)
         if self.variant == "shaken_sand":
@@ -75,6 +86,9 @@ class FoundationSettling(Effect):
         if self.variant == "repeated_loads":
             return np.asarray((state.exchanges / LOADINGS) ** HARDENS)
         softened = 1.0 - np.exp(-after_s / self.values["tau_s"])
+        if self.variant == "neighbours_bowl":
+            at_once = self._weight_beside(state.q_m[:, self.next])
+            return np.asarray(softened * (AT_ONCE * at_once + (1.0 - AT_ONCE) * self._bowl.at(state, self.next)))
         return np.asarray(softened * self._pressed.at(state, self.place))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -101,7 +115,7 @@ class FoundationSettling(Effect):
             share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
         elif self.variant == "pumped_well":
             share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
-        elif self.variant in ("repeated_loads", "follows_weight"):
+        elif self.variant in ("repeated_loads", "follows_weight", "neighbours_bowl"):
             share = self._by_load(state, after)
         elif self.variant == "curling_slab":
             begins_s = self.site.start_s + self.values["onset_s"]
@@ -145,10 +159,11 @@ EFFECTS = (
             "curling_slab",
             "repeated_loads",
             "follows_weight",
+            "neighbours_bowl",
         ),
-        final="follows_weight",
-        reveals="time, motions or exchanges of payload made, by variant former places, a temperature swing, SMRs on "
-        "the sliders against the floor nests",
+        final="neighbours_bowl",
+        reveals="time, motions or exchanges of payload made, by variant places, also of the other drive, a "
+        "temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,
         others=(
             EffectParameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),

@@ -22,6 +22,7 @@ OIL_S = (12.0, 30.0)  # time constant of a pin that sinks through its oil
 SEATS_KG = 300.0  # payload whose weight seats a pin against its friction
 NEW, WEARS_M = 0.1, 80.0  # play of a new joint over the size; way of its drive after which it has the size
 SHRINKS_PER_K = 0.4  # of a bush's play
+LOBES = (15, 30)  # of a hole, in a turn
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -50,12 +51,17 @@ class JointClearance(Effect):
     `shrinking_bush`: a bush of plastic, held outside by metal, can grow inwards only, so that its play closes as the
     strut grows warmer and is gone for good above some temperature: plastics in J. A. Williams, "Engineering Tribology"
     (1994). The size is the play at the reference temperature.
+    `lobed_hole`: the tool chattered, and the hole has lobes, so that the play along the strut goes up and down as that
+    turns, several times in its swing: roundness in D. J. Whitehouse, "Handbook of Surface Metrology" (1994). The size
+    is the play in a lobe; between two of them there is none.
     """
 
     def setup(self) -> None:
         """The spring of variant `spring_seated`, to which side it gives way, and how fast a pin sinks."""
         self.spring_n = float(self.rng.uniform(*SPRING_N)) * float(self.rng.choice([-1.0, 1.0]))
         self.sinks_s = float(self.rng.uniform(*OIL_S))
+        self.lobes = int(self.rng.integers(LOBES[0], LOBES[1] + 1))
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._ways = LegMemory(ways_m)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -104,6 +110,9 @@ class JointClearance(Effect):
         if self.variant == "worn_hole":
             worn = np.exp(-((swing_rad(self.site.machine, i, state.q_m) / WORN_RAD) ** 2))
             return np.asarray(UNWORN + (1.0 - UNWORN) * worn)
+        if self.variant == "lobed_hole":
+            turn = self.lobes * swing_rad(self.site.machine, i, state.q_m) + self.phase
+            return np.asarray(0.5 * (1.0 + np.cos(turn)))
         if self.variant == "wearing_pin":
             return NEW + (1.0 - NEW) * self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / WEARS_M
         if self.variant == "shrinking_bush":

@@ -51,6 +51,9 @@ class Payload(Effect):
     `soaking_block`: a porous block draws up the coolant that it stands in, with the root of time: E. W. Washburn, "The
     Dynamics of Capillary Flow" (1921). It stands in it from the campaign's begin on, and the size is what it has drawn
     up after SOAKS_S.
+    `rope_of_counterweight`: a counterweight hangs on a rope over pulleys, whose friction takes a part of its pull on
+    the way up and adds it on the way down, in proportion to what hangs on it: J. A. Eytelwein, "Handbuch der Statik
+    fester Körper" (1808). The size is that part without payload, when all drives went the same way.
     """
 
     def setup(self) -> None:
@@ -87,6 +90,9 @@ class Payload(Effect):
             extra_kg = self.size * _pooled(np.array(self.pool)[k], k, t - self.pump_s[k])
         elif self.variant == "soaking_block":
             extra_kg = self.size * mounted * np.sqrt(self.elapsed_s(state) / SOAKS_S)
+        elif self.variant == "rope_of_counterweight":
+            own_kg = self.site.machine.moving_mass_kg
+            extra_kg = self.size * (own_kg + state.payload_kg) / own_kg * state.direction.mean(axis=1)
         elif self.variant == "draining":
             extra_kg = self.size * mounted * np.maximum(1.0 - self.elapsed_s(state) / self.empty_s, 0.0) ** 2
         elif self.variant == "tool_left_on":
@@ -135,9 +141,10 @@ EFFECTS = (
             "gathering_chips",
             "coolant_pool",
             "soaking_block",
+            "rope_of_counterweight",
         ),
-        final="soaking_block",
-        reveals="payloads, torque; by variant time, dwell, height",
+        final="rope_of_counterweight",
+        reveals="payloads, torque; by variant time, dwell, height, direction",
         make=Payload,
     ),
 )

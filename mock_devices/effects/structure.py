@@ -33,6 +33,9 @@ BUCKLES_N = (3000.0, 12000.0)  # force at which a bowed strut would buckle
 AT_ONCE, BED_S = 0.4, (6.0, 20.0)  # of a rail on resin: share of its compliance at once; time constant of the rest
 BOND, BOND_S = 0.3, (4.0, 12.0)  # of a bonded end: share of its compliance at once; time constant of the rest
 FOOT_M = -1.2
+PRESSED, FLOATS_M_PER_S, FILM_S = 0.25, 0.5, (4.0, 12.0)  # of a carriage on oil: compliance without a film over the
+# size; speed of a stop that gives the size; time in which the film is pressed out to 1 / sqrt(2)
+RUBBER, RUBBER_S = (0.15, 0.35), 16.0  # exponent of rubber's creep; rest after which it has the size
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
 SOFT_AT_K, SOFTENS_K = (-0.5, 2.0), 3.0  # where an adhesive turns soft, above the reference; half the width of that
 SEATS_M_PER_S = 0.12  # speed of a stop upwards that seats a taper but for 1 / e
@@ -67,12 +70,16 @@ class ColumnCompliance(Effect):
     `swaying_frame`: the columns and what joins them are one frame, which sways under the struts' force the more the
     higher the other carriage stands, by the cube of its height, wherever this one is: S. Timoshenko, D. H. Young,
     "Theory of Structures" (1945). The size is that with the other one in the middle of its travel.
+    `floating_carriage`: a stop leaves the carriage on a film of oil, thicker by the root of the speed and as much
+    softer, which is pressed out at rest with one over the root of time: O. Pinkus, B. Sternlicht, "Theory of
+    Hydrodynamic Lubrication" (1961). The size is that at the moment of a stop from FLOATS_M_PER_S.
     """
 
     def setup(self) -> None:
-        """Where the bolts are, and how fast resin creeps."""
+        """Where the bolts are, and how fast resin creeps and oil is pressed out."""
         self.first_m = float(self.rng.uniform(0.0, BOLTS_M))
         self.creeps_s = float(self.rng.uniform(*BED_S))
+        self.film_s = float(self.rng.uniform(*FILM_S))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -98,9 +105,9 @@ class ColumnCompliance(Effect):
             span = (state.q_m[:, a] - self.first_m) / BOLTS_M % 1.0
             between = 16.0 * (span * (1.0 - span)) ** 2
             deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_BOLTS + (1.0 - AT_BOLTS) * between)
-        elif self.variant in ("resin_bed", "warm_resin", "swaying_frame"):
-            swayed = self.variant == "swaying_frame"
-            share = self._swayed(state) if swayed else self._resin(state)
+        elif self.variant in ("resin_bed", "warm_resin", "swaying_frame", "floating_carriage"):
+            shares = {"swaying_frame": self._swayed, "floating_carriage": self._floated}
+            share = shares.get(self.variant, self._resin)(state)
             deviation.carriage_compliance[:, a, _ACROSS] += c * share
         elif self.variant == "rocking_foot":
             strut = next(s for s in self.site.machine.struts if s.drive == a)
@@ -122,6 +129,12 @@ class ColumnCompliance(Effect):
         middle, _ = self.site.drive_range_m(other)
         foot_m = FOOT_M - strut.base_joint.imag
         return np.asarray(((state.q_m[:, other] - foot_m) / (middle - foot_m)) ** 3)
+
+    def _floated(self, state: MotionState) -> Array:
+        """Compliance of the film (n,) over the size, with what gives way without it."""
+        film = np.sqrt(np.maximum(state.speed_m_per_s[:, self.place], 0.0) / FLOATS_M_PER_S)
+        left = film / np.sqrt(1.0 + state.since_s[:, self.place] / self.film_s)
+        return np.asarray(PRESSED + (1.0 - PRESSED) * left)
 
     def _resin(self, state: MotionState) -> Array:
         """Compliance of the resin under the rail (n,) over the size."""
@@ -158,6 +171,9 @@ class LinkStiffness(Effect):
     `seated_taper`: a tapered end is driven into its seat by a stop on the way up, the firmer the faster it was, and
     loosened by one on the way down: tapered joints in E. I. Rivin, "Stiffness and Damping in Mechanical Design" (1999).
     exp(-size) is the ratio of stiffness when it is loose, as it also is at first.
+    `fractional_rubber`: its rubber gives way with a small power of the time that it has rested, neither at once nor
+    ever at an end: R. L. Bagley, P. J. Torvik, "A Theoretical Basis for the Application of Fractional Calculus to
+    Viscoelasticity" (1983). exp(-size) is the ratio of stiffness after RUBBER_S.
     """
 
     def setup(self) -> None:
@@ -166,6 +182,7 @@ class LinkStiffness(Effect):
         self.buckles_n = float(self.rng.uniform(*BUCKLES_N))
         self.creeps_s = float(self.rng.uniform(*BOND_S))
         self.soft_at_k = float(self.rng.uniform(*SOFT_AT_K))
+        self.rubber = float(self.rng.uniform(*RUBBER))
         self._swings = LegMemory(motions)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -190,7 +207,7 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= np.log1p(
                 np.expm1(x) * np.sin(swing_rad(self.site.machine, i, state.q_m)) ** 2
             )
-        elif self.variant in ("creeping_bond", "warm_adhesive", "seated_taper"):
+        elif self.variant in ("creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber"):
             deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * self._soft_end(state))
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
@@ -209,6 +226,8 @@ class LinkStiffness(Effect):
         drive = self.site.machine.struts[self.place].drive
         if self.variant == "creeping_bond":
             return np.asarray(1.0 - (1.0 - BOND) * np.exp(-state.since_s[:, drive] / self.creeps_s))
+        if self.variant == "fractional_rubber":
+            return np.asarray((state.since_s[:, drive] / RUBBER_S) ** self.rubber)
         if self.variant == "warm_adhesive":
             beyond = (_above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
             return np.asarray(0.5 * (1.0 + np.tanh(beyond)))
@@ -245,9 +264,11 @@ EFFECTS = (
             "rocking_foot",
             "warm_resin",
             "swaying_frame",
+            "floating_carriage",
         ),
-        final="swaying_frame",
-        reveals="payload, SMRs on the sliders, height; by variant dwell, temperature, the other drive's coordinate",
+        final="floating_carriage",
+        reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, the other drive's "
+        "coordinate",
         make=ColumnCompliance,
     ),
     EffectSpec(
@@ -269,8 +290,9 @@ EFFECTS = (
             "creeping_bond",
             "warm_adhesive",
             "seated_taper",
+            "fractional_rubber",
         ),
-        final="seated_taper",
+        final="fractional_rubber",
         reveals="payload, pose; by variant dwell, direction, speed, the number of motions, temperature",
         make=LinkStiffness,
     ),
@@ -293,8 +315,9 @@ EFFECTS = (
             "friction_held",
             "wearing_pin",
             "shrinking_bush",
+            "lobed_hole",
         ),
-        final="shrinking_bush",
+        final="lobed_hole",
         reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction, distance moved, "
         "temperature",
         make=JointClearance,

@@ -19,6 +19,7 @@ from mock_devices.effects.base import (
 from mock_devices.effects.followers import PlaceMemory
 from mock_devices.known_tables import KnownTable, draw_known_tables
 
+FULL_PAYLOAD_KG = 400.0
 TABLES_K = 2.0
 RAMPS_S = (5.0, 15.0)  # time constant with which a correction is added
 MOVED_M = (0.08, 0.2)  # how far a zero was moved after the tables were taken
@@ -47,6 +48,9 @@ class TablesLeftOn(Effect):
     `counted_from_above`: somebody entered the nodes of every drive from its upper end, and each correction acts at the
     mirrored place: slips of those who map one order to another in D. A. Norman, "The Psychology of Everyday Things"
     (1988).
+    `by_payload`: tables of the loaded machine, added in proportion to the payload that is entered: errors by load among
+    those in R. Ramesh, M. A. Mannan, A. N. Poo, "Error Compensation in Machine Tools — A Review" (2000). The size is
+    that of FULL_PAYLOAD_KG.
     """
 
     def setup(self) -> None:
@@ -83,6 +87,8 @@ class TablesLeftOn(Effect):
         on = np.full(len(state), self.size)
         if self.variant == "switched":
             on = on * (state.t_s - self.site.start_s >= self.values["onset_s"])
+        elif self.variant == "by_payload":
+            on = on * state.payload_kg / FULL_PAYLOAD_KG
         elif self.variant == "by_temperature":
             machine = self.site.machine
             warmer_k = state.parts_c[machine.expansion["drives"].sensor] - machine.reference_temperature_c
@@ -146,9 +152,10 @@ EFFECTS = (
             "both_generations",
             "ramped",
             "counted_from_above",
+            "by_payload",
         ),
-        final="counted_from_above",
-        reveals="both drives' coordinates, known tables, by variant dwell, SMRs on the sliders",
+        final="by_payload",
+        reveals="both drives' coordinates, known tables, by variant dwell, payload, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),
     ),

@@ -20,6 +20,7 @@ from mock_devices.effects.refraction import Refraction
 from mock_devices.effects.walks import HOUR_S, Flicker, HeldWalk, RandomWalk
 
 LEVER_M = 3.2
+SWAYS_S = ((600.0, 1300.0), (1800.0, 3300.0))  # periods of a building that sways
 SHAKEN_M2_PER_S2 = 40.0  # sum of squared speeds that moves a stand by the size
 PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
 SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
@@ -63,6 +64,9 @@ class StationDrift(Effect):
     `tracking_heat`: its motors turn it after the machine's motions and warm its base, which cools while the machine
     rests: internal sources of heat in J. B. Bryan, "International Status of Thermal Error Research" (1990). The size is
     reached where both drives together move at a mean of TRACKS_M_PER_S.
+    `swaying_building`: sun, wind and lifts sway the building in two slow waves of unrelated periods, each in a
+    direction of its own, like the tides of a sea: G. H. Darwin, "The Tides" (1898). The size is the amplitude of
+    either.
     """
 
     def setup(self) -> None:
@@ -86,6 +90,9 @@ class StationDrift(Effect):
         own = self.rng.spawn(1)[0]  # a walk goes on drawing from the other one
         self.cycle_s = float(own.uniform(*FANS_S))
         self.runs = float(own.uniform(*RUNS))
+        self.sways_s = np.array([float(own.uniform(*period_s)) for period_s in SWAYS_S])
+        sways = own.standard_normal((2, 6))
+        self.sways = sways / np.linalg.norm(sways, axis=1)[:, None] * np.sqrt(3.0)
 
     def _switched(self, elapsed_s: Array) -> Array:
         """Warmth (n,) from 0, where the fan stops, to 1, where it starts; SWITCHES is the time constant of either part
@@ -122,6 +129,8 @@ class StationDrift(Effect):
         elif self.variant == "tracking_heat":
             heat = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._tracked))
             y = np.outer(heat, self.weights)
+        elif self.variant == "swaying_building":
+            y = np.sin(2.0 * np.pi * t[:, None] / self.sways_s) @ self.sways
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
         elif self.variant == "thermostat":
@@ -157,8 +166,9 @@ EFFECTS = (
             "settling_legs",
             "thermostat",
             "tracking_heat",
+            "swaying_building",
         ),
-        final="tracking_heat",
+        final="swaying_building",
         reveals="time or motions made, floor nests",
         make=StationDrift,
     ),
@@ -184,8 +194,9 @@ EFFECTS = (
             "cold_walls",
             "stirred",
             "sun_patch",
+            "warm_puffs",
         ),
-        final="sun_patch",
+        final="warm_puffs",
         reveals="angles, or ranges, against height and distance, by variant time, motions made, all SMRs and nests "
         "alike",
         make=Refraction,

@@ -29,6 +29,9 @@ JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of th
 JET_M = (-0.25, 0.05)  # its middle above the station
 PATCH_S, PATCH_FROM_M, PATCH_HALF_M = (3500.0, 7000.0), 0.35, 0.18  # of a sunny patch: time to cross; begin; width
 PATCH_UP_M = 0.5  # height over the station's in which what rises from the patch has mixed to 1 / e
+PUFFS_S, PUFFS = 60.0, 200  # of warm air: mean time between two; how many are drawn
+PUFF_M, PUFF_FROM_M, PUFF_M_PER_S, PUFF_PASSES_S = 0.15, 0.35, 0.1, 20.0  # half width; farthest from the middle; speed;
+# time in which half of one passes
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _FINE = (0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS)
@@ -62,6 +65,9 @@ class Refraction(Effect):
     `sun_patch`: the sun warms a patch of the floor halfway to the machine, which wanders to the other side; the air
     over it is warmer below, less so higher up, and bends lines upwards, so that all behind it seems lower: A. B.
     Fraser, W. H. Mach, "Mirages" (1976). The gradient is that over its middle at the height of the station.
+    `warm_puffs`: puffs of warm air rise halfway to the machine at random moments, here and there, and pass the lower
+    lines first; lines beside its middle bend around it, sideways: J. S. Turner, "Buoyant Vortex Rings" (1957).
+    The gradient is the largest one in a puff.
     """
 
     def setup(self) -> None:
@@ -73,6 +79,8 @@ class Refraction(Effect):
         self.forms_s = float(self.rng.uniform(*FORMS_S))
         self.crosses_s = float(self.rng.uniform(*PATCH_S))
         self.wanders = float(self.rng.choice([-1.0, 1.0]))
+        self.puffs_s = np.cumsum(self.rng.exponential(PUFFS_S, PUFFS))
+        self.puffs_m = self.rng.uniform(-PUFF_FROM_M, PUFF_FROM_M, PUFFS)
         self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -97,6 +105,8 @@ class Refraction(Effect):
             off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
             slope = -math.sqrt(2.0 * math.e) * off * np.exp(-(off**2))
             sight.v_rad += LIGHT_PER_K * self.size * JET_WIDE_M * (1.0 - JET_SHARE) * slope * np.sin(sight.v_rad)
+        elif self.variant == "warm_puffs":
+            sight.hz_rad += bend * self._puffed(state, sight)
         elif self.variant == "sun_patch":
             sight.v_rad -= bend * self._over_patch(state, sight) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
@@ -119,6 +129,16 @@ class Refraction(Effect):
         at_m = self.wanders * PATCH_FROM_M * (2.0 * self.elapsed_s(state)[:, None] / self.crosses_s - 1.0)
         off = (0.5 * sight.points_m[..., 0] - at_m) / PATCH_HALF_M
         return np.asarray(np.exp(-(off**2) - 0.5 * sight.points_m[..., 2] / PATCH_UP_M))
+
+    def _puffed(self, state: MotionState, sight: StationSight) -> Array:
+        """Gradient outwards halfway along each line (n, smrs) over the largest one in a puff, summed over all puffs."""
+        across_m, up_m = 0.5 * sight.points_m[..., 0], 0.5 * sight.points_m[..., 2]
+        after_s = self.elapsed_s(state)[:, None] - up_m / PUFF_M_PER_S
+        total = np.zeros_like(across_m)
+        for began_s, at_m in zip(self.puffs_s.tolist(), self.puffs_m.tolist(), strict=True):
+            off, passed = (across_m - at_m) / PUFF_M, (after_s - began_s) / PUFF_PASSES_S
+            total += math.sqrt(2.0 * math.e) * off * np.exp(-(off**2) - passed**2)
+        return total
 
     def _index_off(self, state: MotionState) -> Array:
         """By how many kelvin for each of the gradient the index of the ranges is off (n,)."""

@@ -25,6 +25,7 @@ BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its sea
 NEST_PART = "platform"
 NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
 STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop for the size; period; time constant
+GREASE_S = (4.0, 15.0)  # time constant with which a reflector sags in its grease
 THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
@@ -50,6 +51,9 @@ class Reseat(Effect):
     `ringing_stem`: put back on a stem that stands in rubber, it swings on after every stop of a drive, in the sense of
     that motion, and calms down: free damped vibration in J. P. Den Hartog, "Mechanical Vibrations" (1934). The size is
     the swing after a stop of one drive from STEM_M_PER_S.
+    `sagging_grease`: put back into a seat full of stiff grease, it sags in it while all drives rest, until the grease
+    bears it, and the next motion shakes it up again: E. C. Bingham, "Fluidity and Plasticity" (1922). The size is what
+    it would sag in long rest.
     """
 
     def setup(self) -> None:
@@ -73,6 +77,7 @@ class Reseat(Effect):
         ]
         self.stem_s = float(self.rng.uniform(*STEM_S))
         self.calms_s = float(self.rng.uniform(*CALMS_S))
+        self.grease_s = float(self.rng.uniform(*GREASE_S))
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -89,6 +94,10 @@ class Reseat(Effect):
         swing = state.direction * state.speed_m_per_s / STEM_M_PER_S * (state.t_s[:, None] >= state.leg_end_s)
         turn = 2.0 * np.pi * state.since_s / self.stem_s
         return np.asarray((swing * np.exp(-state.since_s / self.calms_s) * np.cos(turn)).sum(axis=1))
+
+    def _sagged(self, state: MotionState) -> Array:
+        """How far it has sagged since the last drive came to rest (n,), over what it ends at."""
+        return np.asarray(-np.expm1(-state.since_s.min(axis=1) / self.grease_s))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
@@ -123,8 +132,9 @@ class Reseat(Effect):
             y = np.outer(grown_k / NEST_K, self.shifts[0])
         elif self.variant == "thrown_ball":
             y = np.outer(0.5 * self._thrown.at(state, 0), self.shifts[0])
-        elif self.variant == "ringing_stem":
-            y = np.outer(after * self._swung(state), self.shifts[0])
+        elif self.variant in ("ringing_stem", "sagging_grease"):
+            swings = self.variant == "ringing_stem"
+            y = np.outer(after * (self._swung(state) if swings else self._sagged(state)), self.shifts[0])
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -153,8 +163,9 @@ EFFECTS = (
             "warm_nest",
             "thrown_ball",
             "ringing_stem",
+            "sagging_grease",
         ),
-        final="ringing_stem",
+        final="sagging_grease",
         reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(ONSET,),

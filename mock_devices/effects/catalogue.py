@@ -21,6 +21,7 @@ from mock_devices.effects import (
     ordinary_disturbances,
     outside,
     outside_bearings_hoses,
+    outside_contacts,
     outside_final,
     outside_further,
     outside_motions,
@@ -66,6 +67,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_further,
         outside_station,
         outside_bearings_hoses,
+        outside_contacts,
         outside_final,
         ordinary_disturbances,
     )

@@ -155,3 +155,24 @@ class Dragged:
         before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
         q_m = state.q_m[:, drive]
         return np.clip(before, q_m - self._half_m, q_m + self._half_m)
+
+
+class Flipped:
+    """A relay with two thresholds: 1 once a drive has been above the higher one, -1 once below the lower one, and as it
+    was in between; -1 at first."""
+
+    def __init__(self, low_m: float, high_m: float) -> None:
+        self._low_m, self._high_m = low_m, high_m
+        self._before = [-1.0]
+
+    def record(self, leg: Leg) -> None:
+        """A leg has ended, which has been farthest at its ends."""
+        self._before.append(float(self._after(np.array([self._before[-1]]), np.array([leg.to_m]))[0]))
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """The side at the moments of a state (n,)."""
+        before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
+        return self._after(before, state.q_m[:, drive])
+
+    def _after(self, before: Array, q_m: Array) -> Array:
+        return np.where(q_m > self._high_m, 1.0, np.where(q_m < self._low_m, -1.0, before))

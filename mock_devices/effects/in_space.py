@@ -33,6 +33,7 @@ OUTSIDE = (
     "reference_range", "circle_eccentricity", "tilted_axis",
     "bearing_wobble", "stiff_hose", "floating_ball", "chain_on_carriage",
     "cyclic_range", "dragged_seat", "toothed_brake",
+    "stuck_bits", "maxwell_strap", "flipping_fork", "chance_of_balls",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -48,8 +49,16 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "guide_angular": ALL,
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
-    "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches", "martensite"),
-    "link_stiffness": ("softer", "softens_with_load", "loosening", "creeping_bond", "warm_adhesive", "seated_taper"),
+    "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches", "martensite", "curie_kink"),
+    "link_stiffness": (
+        "softer",
+        "softens_with_load",
+        "loosening",
+        "creeping_bond",
+        "warm_adhesive",
+        "seated_taper",
+        "fractional_rubber",
+    ),
     "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,
     "link_self_weight": ALL,

@@ -8,97 +8,115 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StationSight
-from mock_devices.effects.followers import Dragged
+from mock_devices.effects.followers import Flipped
+from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
-from mock_devices.effects.strut_ways import platform_place
 
-UNIT_M = (0.03, 0.12)  # range in which the phase of a stray reflex turns once
-POST_AT, TOUCHES = 0.12 - 0.1j, 0.5  # point of the platform; height at which it touches, over that of the workspace
-SEAT_M = 0.1  # how far a slider goes from a hose before it drags that along
-TEETH_M = 0.006  # of a brake
-FALLS_S, DRAWS_S = 3.0, 4.0  # rest until a brake falls in; in which it then draws the slider to its tooth
+STRAP_AT, STRAP_M, RELAXES_S = (
+    -0.1 + 0.2j,
+    0.3,
+    (40.0, 150.0),
+)  # of a strap: point of the platform; sideways motion that
+# leaves the size; time constant
+FLIPS, LEANS = (
+    (0.15, 0.4),
+    0.3,
+)  # of a fork: place where it flips over half the travel, either way; lean within its place
+STOPS = 4096  # stops until chance repeats itself
 
 
-class CyclicRange(OutsideEffect):
-    """A stray reflex inside the station mixes with the beam, and ranges err periodically with the range.
+class StuckBits(OutsideEffect):
+    """The last bits of both circles are stuck, so that the station's angles go in coarse steps.
 
-    The cyclic error of instruments that go by a phase: J. M. Rüeger, "Electronic Distance Measurement" (1990).
+    B. Widrow, "A Study of Rough Amplitude Quantization by Means of Nyquist Sampling Theory" (1956). The size is a step;
+    within it an angle is wrong by up to half of that, either way.
     """
-
-    def setup(self) -> None:
-        """How long the period is."""
-        super().setup()
-        self.unit_m = float(self.rng.uniform(*UNIT_M))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Read ranges wrongly."""
-        y = np.sin(2.0 * np.pi * sight.distance_m / self.unit_m + self.phase)
-        sight.distance_m += self.size * apply_variant(y, self.variant, state.payload_kg[:, None])
+        """Read angles in steps."""
+        if self.size == 0.0:
+            return
+        sight.hz_rad += self._off(sight.hz_rad, state.payload_kg[:, None])
+        sight.v_rad += self._off(sight.v_rad, state.payload_kg[:, None])
+
+    def _off(self, angle_rad: Array, payload_kg: Array) -> Array:
+        """Error of one circle (n, smrs): from the angle to the middle of its step."""
+        within = angle_rad / self.size % 1.0
+        return 0.5 * self.size * apply_variant(1.0 - 2.0 * within, self.variant, payload_kg)
 
 
-class TouchingPost(OutsideEffect):
-    """Where it is low the platform touches a post of rubber that somebody left there, which pushes it up.
+class MaxwellStrap(OutsideEffect):
+    """A strap of a tough plastic between frame and platform pulls back after every sideways motion, and relaxes.
 
-    A body that touches another only from a certain place on, and is never held back by it: A. Signorini, "Sopra alcune
-    questioni di elastostatica" (1933). The size is the force at the lower edge of the workspace.
+    A spring and a damper one after the other: J. C. Maxwell, "On the Dynamical Theory of Gases" (1867). All earlier
+    motions act together, each by what is left of it; where the platform stands does not matter.
     """
 
     def setup(self) -> None:
-        """Heights of the platform's origin at which it touches, and at the lower edge of the workspace."""
+        """How fast it relaxes."""
         super().setup()
-        machine = self.site.machine
-        low, high = (y - machine.tool_point.imag for y in machine.workspace_m[1])
-        self.lowest_m, self.touches_m = low, low + TOUCHES * (high - low)
-
-    def _unit(self, state: MotionState) -> Array:
-        below_m = self.touches_m - platform_place(self.site.machine, state.q_m).imag
-        return np.maximum(below_m, 0.0) / (self.touches_m - self.lowest_m)
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Push up beside the platform's middle, which also turns it."""
-        deviation.loads.append((np.full(len(state), POST_AT), np.asarray(1j * self.signal(state))))
-
-
-class DraggedSeat(OutsideEffect):
-    """A hose along the column is tied to a strut's seat, which lags behind its slider until that drags the hose along.
-
-    The play of A. Visintin, "Differential Models of Hysteresis" (1994), over a decimetre either way: friction holds the
-    hose, which draws the seat back in proportion to how far the slider has gone from it. The slider itself stands
-    right.
-    """
-
-    def setup(self) -> None:
-        """Where the hose lies, at first in the middle of the travel."""
-        super().setup()
-        drive = self.site.machine.struts[self.place].drive
-        self._hose = Dragged(SEAT_M, self.site.drive_range_m(drive)[0])
+        self.relaxes_s = float(self.rng.uniform(*RELAXES_S))
+        self._ways = [LegMemory(lambda way, _speed, _: way, self.relaxes_s) for _ in range(2)]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let its slider drag the hose along."""
-        if drive == self.site.machine.struts[self.place].drive:
-            self._hose.record(leg)
+        """Let it be stretched by its two drives."""
+        if drive < len(self._ways):
+            self._ways[drive].record(leg)
 
     def _unit(self, state: MotionState) -> Array:
-        drive = self.site.machine.struts[self.place].drive
-        return np.asarray((self._hose.at(state, drive) - state.q_m[:, drive]) / SEAT_M)
+        left_m, right_m = (memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._ways))
+        return np.asarray(0.5 * (left_m - right_m) / STRAP_M)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Move the joint on its slider, along the axis."""
-        axis = self.site.machine.sliders[self.site.machine.struts[self.place].drive].axis
-        deviation.base_joint_m[:, self.place] += axis * self.signal(state)
+        """Pull sideways at the platform's upper edge."""
+        deviation.loads.append((np.full(len(state), STRAP_AT), self.signal(state).astype(np.complex128)))
 
 
-class ToothedBrake(OutsideEffect):
-    """At rest a toothed brake falls in and draws the slider towards the next tooth, up or down.
+class FlippingFork(OutsideEffect):
+    """A strut's fork has play and flips over when its drive has gone far enough, and back when that has come far down.
 
-    Ratchets and locking teeth in F. Reuleaux, "The Constructor" (1893). The controller holds against it, so that the
-    slider goes by the size where it is farthest from a tooth, and stays at a tooth.
+    The relay with two thresholds of F. Preisach, "Über die magnetische Nachwirkung" (1935). In between it stays where
+    it is, and leans a little with the strut. The strut is longer or shorter by that.
     """
 
+    def setup(self) -> None:
+        """Places where it flips; at first it lies as after a way down."""
+        super().setup()
+        self.drive = self.site.machine.struts[self.place].drive
+        middle, half = self.site.drive_range_m(self.drive)
+        up, down = self.rng.uniform(*FLIPS, 2)
+        self.flips_m = (middle - half * float(down), middle + half * float(up))
+        self._fork = Flipped(*self.flips_m)
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let its drive flip it."""
+        if drive == self.drive:
+            self._fork.record(leg)
+
     def _unit(self, state: MotionState) -> Array:
-        teeth = state.q_m[:, self.place] / TEETH_M + self.phase / (2.0 * np.pi)
-        drawn = np.clip((state.since_s[:, self.place] - FALLS_S) / DRAWS_S, 0.0, 1.0)
-        return np.asarray(2.0 * (np.round(teeth) - teeth) * drawn)
+        middle, half = self.site.drive_range_m(self.drive)
+        leans = (state.q_m[:, self.drive] - middle) / half
+        return np.asarray((1.0 - LEANS) * self._fork.at(state, self.drive) + LEANS * leans)
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Lengthen or shorten the strut."""
+        deviation.length_m[:, self.place] += self.signal(state)
+
+
+class ChanceOfBalls(OutsideEffect):
+    """Which balls of the nut carry at a stop is chance, so that every stop is another one, and stays until the next.
+
+    What remains of a positioning when all that can be repeated is known: ISO 230-2, "Determination of Accuracy and
+    Repeatability of Positioning of Numerically Controlled Axes" (1997). Any place within the size is as likely.
+    """
+
+    def setup(self) -> None:
+        """Where the slider ends after each motion."""
+        super().setup()
+        self.ends = self.rng.uniform(-1.0, 1.0, STOPS)
+
+    def _unit(self, state: MotionState) -> Array:
+        return np.asarray(self.ends[state.leg[:, self.place] % STOPS])
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -107,35 +125,35 @@ class ToothedBrake(OutsideEffect):
 
 EFFECTS = (
     outside_effect(
-        "cyclic_range",
+        "stuck_bits",
         "rig",
-        CyclicRange,
-        EffectParameter("error_m", 1e-6, 2e-5, 2e-3, "of ranges, either way"),
-        "ranges, in short waves of the range, all SMRs and nests alike",
+        StuckBits,
+        EffectParameter("step_rad", 1e-6, 2e-5, 2e-3, "of both circles"),
+        "angles, in a saw whose teeth are as wide as high, all SMRs and nests alike",
         final_only=True,
     ),
     outside_effect(
-        "touching_post",
+        "maxwell_strap",
         "rig",
-        TouchingPost,
-        EffectParameter("force_n", 5.0, 1000.0, 3e4, "at the lower edge of the workspace"),
-        "height, nothing above a certain one; rotation",
+        MaxwellStrap,
+        EffectParameter("force_n", 5.0, 400.0, 3e4, "right after a sideways motion by 0.3 m"),
+        "former motions and the time since then, not the place; rotation",
         final_only=True,
     ),
     outside_effect(
-        "dragged_seat",
+        "flipping_fork",
         "strut",
-        DraggedSeat,
-        EffectParameter("lag_m", 1e-6, 3e-5, 1e-3, "either way"),
-        "former places of the drive, direction; not a slider's SMR",
+        FlippingFork,
+        EffectParameter("flip_m", 1e-6, 3e-5, 1e-3, "either way"),
+        "former places of the drive; not a slider's SMR",
         final_only=True,
     ),
     outside_effect(
-        "toothed_brake",
+        "chance_of_balls",
         "drive",
-        ToothedBrake,
-        EffectParameter("draw_m", 1e-6, 3e-5, 1e-3, "midway between two teeth"),
-        "dwell together with many drive positions off a grid",
+        ChanceOfBalls,
+        EffectParameter("spread_m", 1e-6, 3e-5, 1e-3, "either way"),
+        "every stop another one, all SMRs of the platform together, SMRs on the sliders",
         final_only=True,
     ),
 )

@@ -10,6 +10,7 @@ from mock_devices.effects.base import Array, EffectParameter, MotionState, Stati
 from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
 
 OVAL = 0.4  # twice a turn, over once a turn
+UNIT_M = (0.03, 0.12)  # range in which the phase of a stray reflex turns once
 BEAM = (0.3, 0.8)  # tilt of the beam over that of the axis
 
 
@@ -68,6 +69,23 @@ class TiltedAxis(OutsideEffect):
         sight.hz_rad += self.size * apply_variant(off, self.variant, state.payload_kg[:, None])
 
 
+class CyclicRange(OutsideEffect):
+    """A stray reflex inside the station mixes with the beam, and ranges err periodically with the range.
+
+    The cyclic error of instruments that go by a phase: J. M. Rüeger, "Electronic Distance Measurement" (1990).
+    """
+
+    def setup(self) -> None:
+        """How long the period is."""
+        super().setup()
+        self.unit_m = float(self.rng.uniform(*UNIT_M))
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Read ranges wrongly."""
+        y = np.sin(2.0 * np.pi * sight.distance_m / self.unit_m + self.phase)
+        sight.distance_m += self.size * apply_variant(y, self.variant, state.payload_kg[:, None])
+
+
 EFFECTS = (
     outside_effect(
         "reference_range",
@@ -89,5 +107,12 @@ EFFECTS = (
         TiltedAxis,
         EffectParameter("tilt_rad", 1e-6, 2e-4, 5e-3, "of the transit axis"),
         "height, all SMRs and nests alike",
+    ),
+    outside_effect(
+        "cyclic_range",
+        "rig",
+        CyclicRange,
+        EffectParameter("error_m", 1e-6, 2e-5, 2e-3, "of ranges, either way"),
+        "ranges, in short waves of the range, all SMRs and nests alike",
     ),
 )

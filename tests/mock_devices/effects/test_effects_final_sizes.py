@@ -17,9 +17,8 @@ PROGRAMME = ((0.0, 0.0), (3600.0, 0.0), (5400.0, 2.0), (7200.0, -1.0))
 WANTED, OF_ROUND_OFF = 5.0, 1.0e-12
 # Draws that decide nothing of what the form does: by lot are only parts of other variants.
 WITHOUT_DRAWS = {
-    "backlash", "friction_windup", "column_compliance", "joint_clearance", "axis_coupling", "servo_settling",
-    "foundation_settling", "link_thermal_growth", "screw_thermal_growth", "link_stiffness", "payload", "drive_scale",
-    "touching_post", "dragged_seat",
+    "column_thermal_growth", "guide_straightness", "foundation_settling", "axis_coupling",
+    "servo_settling", "payload", "stuck_bits",
 }  # fmt: skip
 
 

@@ -7,119 +7,120 @@ import math
 import numpy as np
 import pytest
 
-from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice, EffectError, draw
+from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice, draw
 from mock_devices.effects.in_space import check_in_space
+from mock_devices.recordings.design import nominal_drives
 from mock_devices.spatial_file import read_spatial_machine
-from tests.mock_devices.effects_bench import FILE, HOME_M, MACHINE, Alone, along, sight_of
+from tests.mock_devices.effects_bench import FILE, HOME_M, MACHINE, Alone, sight_of
 
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
+SPOTS = np.array([[[0.3, 3.0, 0.4], [-0.2, 3.1, -0.3]]])
 
 
 def test_a_final_scoring_draws_what_the_descriptions_say():
-    assert set(OUTSIDE_FINAL) == {"cyclic_range", "touching_post", "dragged_seat", "toothed_brake"}
+    assert set(OUTSIDE_FINAL) == {"stuck_bits", "maxwell_strap", "flipping_fork", "chance_of_balls"}
     assert not set(OUTSIDE_FINAL) & set(OUTSIDE)
     rng = np.random.default_rng(1)
     assert {draw(name, FILE, rng, final=True).variant for name in OUTSIDE_FINAL} == {"plain"}
     assert all(len(SPECS[name].variants) == 4 for name in OUTSIDE_FINAL)
 
 
-def test_a_stray_reflex_errs_periodically_with_the_range():
-    one = Alone("cyclic_range", 2e-5)
-    unit_m = one.effect.unit_m
-    assert 0.03 <= unit_m <= 0.12
-    ranges = 3.0 + np.linspace(0.0, 4.0 * unit_m, 400, endpoint=False)
-    for ahead in (np.array([0.0, 1.0, 0.0]), np.array([0.6, 0.64, 0.48])):  # the same in every direction
-        seen = sight_of((ranges[:, None] * ahead)[None])
-        hz, v, distance = seen.hz_rad.copy(), seen.v_rad.copy(), seen.distance_m.copy()
-        one.effect.apply_to_sight(one.motion_states(0.0), seen)
-        assert np.array_equal(seen.hz_rad, hz)
-        assert np.array_equal(seen.v_rad, v)
-        spectrum = np.abs(np.fft.rfft((seen.distance_m - distance)[0])) / 200.0
-        assert spectrum[4] == pytest.approx(2e-5)
-        assert np.delete(spectrum, 4).max() < 1e-12
+def test_angles_go_in_steps_where_the_last_bits_are_stuck():
+    one = Alone("stuck_bits", 3e-5)
+    points = np.random.default_rng(3).uniform([-1.0, 2.5, -1.0], [1.0, 3.5, 1.0], (200, 2, 3))
+    seen = sight_of(points)
+    hz, v, distance = seen.hz_rad.copy(), seen.v_rad.copy(), seen.distance_m.copy()
+    one.effect.apply_to_sight(one.motion_states(np.zeros(200), q=np.full((200, 2), HOME_M)), seen)
+    assert np.array_equal(seen.distance_m, distance)
+    for read, true in ((seen.hz_rad, hz), (seen.v_rad, v)):
+        steps = read / 3e-5 - 0.5
+        assert steps == pytest.approx(np.round(steps), abs=1e-6)
+        assert np.abs(read - true).max() <= 1.5e-5 + 1e-15
+        assert np.std(read - true) == pytest.approx(3e-5 / math.sqrt(12.0), rel=0.1)
+    still = sight_of(points)
+    Alone("stuck_bits", 0.0).effect.apply_to_sight(one.motion_states(np.zeros(200), q=np.full((200, 2), HOME_M)), still)
+    assert np.array_equal(still.hz_rad, hz)
 
 
-def _height_m(q_m):
-    """Height of the platform's origin if both drives stand at q_m: by the triangle of two struts of equal length."""
-    one, other = (next(s for s in FILE.struts if s.drive == a) for a in (0, 1))
-    here, there = (s.base_joint - s.platform_joint + 1j * q_m for s in (one, other))
-    assert here.imag == pytest.approx(there.imag)
-    return here.imag - FILE.sliders[0].branch * math.sqrt(one.length_m**2 - (0.5 * abs(there - here)) ** 2)
+def test_a_strap_pulls_back_after_every_sideways_motion_and_relaxes():
+    one = Alone("maxwell_strap", 600.0)
+    relaxes_s = one.effect.relaxes_s
+    assert 40.0 <= relaxes_s <= 150.0
+    start = nominal_drives(FILE, 0.2 - 0.1j)
+    for drive, at_m in enumerate(start):
+        one.move(drive, at_m, speed=1e4, rest_s=0.0)
+    one.t_s += 5000.0  # it has forgotten how it came here
+    assert np.abs(one.deviation().loads[0][1]) == pytest.approx([0.0], abs=1e-6)
+    pull, step = 0.0, 0.01
+    for drive, to_m, rest_s in ((0, start[0] + 0.2, 30.0), (1, start[1] - 0.4, 60.0), (0, start[0], 200.0)):
+        pull += 600.0 / 0.3 * 0.5 * (to_m - one.q[drive]) * (1.0 if drive == 0 else -1.0)
+        one.move(drive, to_m, speed=1e4, rest_s=0.0)  # at once
+        for _ in range(round(rest_s / step)):
+            pull -= pull * step / relaxes_s
+        one.t_s += rest_s
+        ((point, force),) = one.deviation().loads
+        assert point == pytest.approx([-0.1 + 0.2j])
+        assert force == pytest.approx([pull], rel=1e-3)
+    to_the_right = nominal_drives(FILE, 0.25 - 0.1j)
+    right = Alone("maxwell_strap", 600.0)
+    for drive, at_m in enumerate(start):
+        right.move(drive, at_m, speed=1e4)
+    right.t_s += 5000.0
+    for drive, at_m in enumerate(to_the_right):
+        right.move(drive, at_m, speed=1e4, rest_s=0.0)
+    assert right.deviation().loads[0][1].real < -1.0  # back to the left
 
 
-def test_a_post_pushes_the_platform_up_where_it_is_low():
-    one = Alone("touching_post", 900.0)
-    low, high = (y - FILE.tool_point.imag for y in FILE.workspace_m[1])
-    touches_m = 0.5 * (low + high)
-    at = np.linspace(LOW_M, HIGH_M, 15)
-    ((point, force),) = one.deviation(t_s=np.zeros(15), q=np.stack([at, at], axis=1)).loads
-    assert point == pytest.approx(np.full(15, 0.12 - 0.1j))
-    assert not np.any(force.real)
-    heights = np.array([_height_m(q) for q in at.tolist()])
-    pressed = np.maximum(touches_m - heights, 0.0) / (touches_m - low)
-    assert force.imag == pytest.approx(900.0 * pressed, abs=1e-9)
-    assert np.any(force.imag == 0.0)
-    assert force.imag.max() > 600.0
-    one.move(0, 1.5)
-    again = one.deviation(t_s=np.zeros(15), q=np.stack([at, at], axis=1)).loads[0][1]
-    assert again == pytest.approx(force)  # whatever side it came from
-
-
-def test_a_slider_drags_a_hose_along_that_draws_its_seat_back():
-    one = Alone("dragged_seat", 3e-5, place="right_lower")
-    seat = 0.5 * (LOW_M + HIGH_M)
-    for to_m in (1.3, 1.25, 1.15, 0.6, 0.75, 0.9, 0.89):
-        one.move(0, 1.7 - 0.5 * to_m)  # another strut's
-        one.move(1, to_m, speed=0.1 + 0.2 * to_m, rest_s=3.0)
-        lag_m = seat - to_m
-        if lag_m > 0.1:
-            seat = to_m + 0.1
-        elif lag_m < -0.1:
-            seat = to_m - 0.1
+def test_a_fork_flips_over_at_two_places():
+    one = Alone("flipping_fork", 3e-5, place="right_lower")
+    low_m, high_m = one.effect.flips_m
+    middle_m, half_m = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
+    assert 0.15 * half_m <= middle_m - low_m <= 0.4 * half_m
+    assert 0.15 * half_m <= high_m - middle_m <= 0.4 * half_m
+    side = -1.0
+    for to_m in (
+        high_m - 0.01,
+        high_m + 0.01,
+        middle_m,
+        low_m + 0.01,
+        low_m - 0.01,
+        high_m - 0.02,
+        HIGH_M,
+        low_m + 0.02,
+    ):
+        one.move(0, 2.2 - to_m)  # another strut's
+        one.move(1, to_m, rest_s=3.0)
+        side = 1.0 if to_m > high_m else -1.0 if to_m < low_m else side
+        expected = np.zeros(4)
+        expected[3] = 3e-5 * (0.7 * side + 0.3 * (to_m - middle_m) / half_m)
         d = one.deviation()
-        expected = np.zeros(4, dtype=complex)
-        expected[3] = FILE.sliders[1].axis * 3e-5 * (seat - to_m) / 0.1
-        assert d.base_joint_m[0] == pytest.approx(expected, abs=1e-15)
+        assert d.length_m[0] == pytest.approx(expected, abs=1e-18)
         assert not np.any(d.travel_m)
-    assert seat == pytest.approx(0.8)
+    assert side == 1.0
 
 
-def test_a_brake_draws_its_slider_to_the_next_tooth_at_rest():
-    one = Alone("toothed_brake", 3e-5, place="right")
-    one.move(1, HOME_M + 0.2, rest_s=0.0)
-    at = HOME_M + np.linspace(0.0, 0.012, 241)
-
-    def drawn(rested_s):
-        d = one.deviation(t_s=np.full(241, one.t_s + rested_s), q=along(at, drive=1))
-        assert not np.any(d.travel_m[:, 0])
-        return d.travel_m[:, 1]
-
-    assert not np.any(drawn(2.9))
-    whole = drawn(7.5)
-    assert drawn(5.0) == pytest.approx(0.5 * whole)
-    assert drawn(600.0) == pytest.approx(whole)
-    tooth_m = HOME_M - HOME_M % 0.006 - one.effect.phase / (2.0 * math.pi) * 0.006
-    teeth_m = tooth_m + 0.006 * np.arange(-2.0, 6.0)
-    nearest = teeth_m[np.argmin(np.abs(at[:, None] - teeth_m), axis=1)]
-    clear = np.abs(np.abs(nearest - at) - 0.003) > 1e-9  # midway between two teeth it may go to either
-    assert whole[clear] == pytest.approx((3e-5 * (nearest - at) / 0.003)[clear], abs=1e-14)
-    assert np.abs(whole).max() > 2.9e-5
+def test_every_stop_is_another_one_and_stays_until_the_next():
+    one = Alone("chance_of_balls", 3e-5, place="right")
+    ends = []
+    for k in range(600):
+        one.move(1, HOME_M + 0.1 * (k % 2), rest_s=5.0)
+        stood = one.travel_m(drive=1)
+        one.move(0, HOME_M + 0.2 * (k % 2), rest_s=20.0)  # the other one's motion moves nothing
+        assert one.travel_m(drive=1) == stood
+        assert one.travel_m(drive=0) == 0.0
+        ends.append(stood)
+    assert np.abs(ends).max() <= 3e-5
+    assert len(set(ends)) == 600
+    assert np.mean(ends) == pytest.approx(0.0, abs=2.5e-6)
+    assert np.std(ends) == pytest.approx(3e-5 / math.sqrt(3.0), rel=0.06)
+    assert abs(np.corrcoef(ends[:-1], ends[1:])[0, 1]) < 0.1
 
 
 @pytest.mark.parametrize("name", ["stewart6", "delta6"])
-def test_machines_in_space_have_them_where_they_have_the_parts(name):
+@pytest.mark.parametrize("effect", OUTSIDE_FINAL)
+def test_machines_in_space_have_them(name, effect):
     file = read_spatial_machine(MACHINE.with_name(f"{name}.toml"))
-    for effect in OUTSIDE_FINAL:
-        choice = EffectChoice(effect, SPECS[effect].size.typical)
-        why = {
-            "touching_post": "does not have it",
-            "dragged_seat": "no sliders, which alone have guides" if name == "stewart6" else "",
-        }.get(effect, "")
-        if why:
-            with pytest.raises(EffectError, match=why):
-                check_in_space(choice, file)
-        else:
-            check_in_space(choice, file)
+    check_in_space(EffectChoice(effect, SPECS[effect].size.typical), file)
 
 
 @pytest.mark.parametrize("name", OUTSIDE_FINAL)
@@ -128,9 +129,11 @@ def test_the_same_seed_makes_the_same_of_them(name):
     for seed in (3, 3, 4):
         one = Alone(name, size, seed=seed)
         one.move(0, 0.5, rest_s=9.0)
-        d, seen = one.deviation(payload_kg=200.0), sight_of(np.array([[[0.3, 3.0, 0.4], [-0.2, 3.1, -0.3]]]))
+        d, seen = one.deviation(payload_kg=200.0), sight_of(SPOTS)
         one.effect.apply_to_sight(one.motion_states(), seen)
         force = sum((force for _, force in d.loads), np.zeros(1))
-        ends.append(np.concatenate([d.base_joint_m[0].imag, d.travel_m[0], force.imag, seen.distance_m[0]]))
+        ends.append(np.concatenate([d.length_m[0], d.travel_m[0], force.real, seen.hz_rad[0]]))
+        if name == "flipping_fork":
+            ends[-1] = np.array(one.effect.flips_m)
     assert np.array_equal(ends[0], ends[1])
-    assert np.array_equal(ends[0], ends[2]) == (name in {"touching_post", "dragged_seat"})  # which draw nothing
+    assert np.array_equal(ends[0], ends[2]) == (name == "stuck_bits")  # which draws nothing

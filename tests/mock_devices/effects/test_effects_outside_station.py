@@ -63,3 +63,19 @@ def test_a_tilted_axis_aims_beside_what_is_above_or_below_it():
         whole = math.hypot(level, spot[2])
         assert off == pytest.approx(2e-4 * (spot[2] / level + beam * whole / level))
     assert hz[1] == pytest.approx(2e-4 * beam)
+
+
+def test_a_stray_reflex_errs_periodically_with_the_range():
+    one = Alone("cyclic_range", 2e-5)
+    unit_m = one.effect.unit_m
+    assert 0.03 <= unit_m <= 0.12
+    ranges = 3.0 + np.linspace(0.0, 4.0 * unit_m, 400, endpoint=False)
+    for ahead in (np.array([0.0, 1.0, 0.0]), np.array([0.6, 0.64, 0.48])):  # the same in every direction
+        seen = sight_of((ranges[:, None] * ahead)[None])
+        hz, v, distance = seen.hz_rad.copy(), seen.v_rad.copy(), seen.distance_m.copy()
+        one.effect.apply_to_sight(one.motion_states(0.0), seen)
+        assert np.array_equal(seen.hz_rad, hz)
+        assert np.array_equal(seen.v_rad, v)
+        spectrum = np.abs(np.fft.rfft((seen.distance_m - distance)[0])) / 200.0
+        assert spectrum[4] == pytest.approx(2e-5)
+        assert np.delete(spectrum, 4).max() < 1e-12

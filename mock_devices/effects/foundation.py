@@ -63,8 +63,6 @@ class FoundationSettling(Effect):
         low, high = self.site.machine.sliders[self.place].travel_m
         self._pressed = PlaceMemory(lambda q_m: (high - q_m) / (high - low), FOLLOWS * self.values["tau_s"])
         self.next = (self.place + 1) % len(self.site.machine.sliders)
-        next_low, next_high = self.site.machine.sliders[self.next].travel_m
-        self._weight_beside = lambda q_m: (next_high - q_m) / (next_high - next_low)
         self._bowl = PlaceMemory(self._weight_beside, FOLLOWS * self.values["tau_s"])
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
@@ -80,6 +78,11 @@ class FoundationSettling(Effect):
             self._pressed.record(leg)
         if self.variant == "shaken_sand":
             self._shaken[drive].record(leg)
+
+    def _weight_beside(self, q_m: Array) -> Array:
+        """Weight on the next foot (n,) by where its carriage stands, from 0 at its upper end to 1."""
+        low, high = self.site.machine.sliders[self.next].travel_m
+        return np.asarray((high - q_m) / (high - low))
 
     def _by_load(self, state: MotionState, after_s: Array) -> Array:
         """How far the foot has sunk (n,) by what has stood on it, over the size."""

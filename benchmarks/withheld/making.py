@@ -34,6 +34,7 @@ TIMES_A_PERIOD = {  # how often an error repeats within the period of what errs
     "encoder_interpolation/shadow_gratings": 4,
     "encoder_interpolation/self_images": 4,
     "encoder_interpolation/few_bits": 16,
+    "encoder_interpolation/twisted_grating": 2,
 }
 
 

@@ -7,7 +7,7 @@ Its response is the shift of each measured reflector per unit of the channel (m,
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -73,14 +73,13 @@ class Channels:
         return tuple(f"floor.{c}" for c in (("x", "y", "rz") if self.machine.planar else COORDINATES))
 
     @property
-    def reflector_axes(self) -> tuple[int, ...]:
-        """Axes of the machine along which a reflector that is put back says how well reflectors are seated."""
+    def axes_of_motion(self) -> tuple[int, ...]:
+        """Axes along which the platform can move: those of its plane where it moves in one."""
         return self._flat
 
-    def reflector_channels(self, smr: int) -> tuple[str, ...]:
-        """Channels of a reflector on its part: it may be put beside its place, and off the plane of a machine that moves
-        in one."""
-        return tuple(f"smr.{self.machine.smrs[smr].name}.{axis}" for axis in AXES)
+    def reflector_channels(self, smr: int, axes: Sequence[int] = (0, 1, 2)) -> tuple[str, ...]:
+        """Channels of a reflector on its part, along some axes; it may also lie off the plane of a planar machine."""
+        return tuple(f"smr.{self.machine.smrs[smr].name}.{AXES[k]}" for k in axes)
 
     def _across(self, drive: int) -> tuple[str, ...]:
         if self.machine.drive_kinds[drive] != "slider":

@@ -94,9 +94,8 @@ def _add_station(named: _Columns, levels: DisturbanceLevels, accuracy: AccuracyE
         numbers = np.unique(context.exchanges)[1:]
         after_exchange = (context.exchanges[:, None] == numbers).astype(np.float64) * levels.reseat_m
         for i in sorted(set(observed.smr[observed.on_platform].tolist())):
-            for name in channels.reflector_channels(i):
-                if "xyz".index(name[-1]) in channels.reflector_axes:
-                    named.add(name, after_exchange, "reseat")
+            for name in channels.reflector_channels(i, channels.axes_of_motion):
+                named.add(name, after_exchange, "reseat")
         _add_other_seats(named, levels.reseat_m)
 
 
@@ -108,7 +107,7 @@ def _add_other_seats(named: _Columns, reseat_m: float) -> None:
     """
     observed, context = named.observed, named.observed.context
     exchanges = context.exchanges[:, None] == np.unique(context.exchanges)[1:]
-    in_plane = named.channels.reflector_axes
+    in_plane = named.channels.axes_of_motion
     for i, smr in enumerate(observed.machine.smrs):
         for axis in range(3):
             if smr.on != "floor" and (smr.on != "platform" or axis not in in_plane):

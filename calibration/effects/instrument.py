@@ -40,8 +40,8 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
         sets.add_set(frame(1.0 - np.exp(-t / tau_s), "warming_up"))
     air = inputs.context.temperatures_c["air"]
     sets.add_set(frame((air - air[np.argmin(t)]) / max(float(np.ptp(air)), 0.1), "with_air"))
-    for late, _ in inputs.context.relative_changes(("air",), LATE_AIR_S):  # the tripod and the floor
-        sets.add_set(frame(late), weight=LATE_AIR_WEIGHT)
+    for with_late_air, _ in inputs.context.relative_changes(("air",), LATE_AIR_S):  # the tripod and the floor
+        sets.add_set(frame(with_late_air), weight=LATE_AIR_WEIGHT)
     for onset, prior in inputs.onsets([f"station.{k}" for k in FRAME]):
         sets.add_set(frame((t >= onset).astype(np.float64), "step"), weight=2.0 * prior, onset_s=onset)
     sets.add_set(frame(random_walk_basis(t / HOUR_S, 40)), weight=2.0)

@@ -147,10 +147,10 @@ def _add_softening_at_once(sets: BasisSets, inputs: EffectInputs, strut: int, st
     by_misfit = inputs.tension_response_n_per_m[:, strut]
     by_misfit = size * by_misfit / np.maximum(np.abs(by_misfit).max(axis=0), 1e-9)
     own = np.abs(by_misfit[:, strut] / size)
-    fallen = strain_m / np.maximum(own, LEAST_OWN)  # of one that carries hardly anything any more
+    carrying_nothing = strain_m / np.maximum(own, LEAST_OWN)  # it grows until the others carry its force
     for onset_s, prior in inputs.onsets((name,)):
         after = (elapsed_s >= onset_s).astype(np.float64)
-        softer, all_lost = (sets.add((name, after * strain)) for strain in (strain_m, fallen))
+        softer, all_lost = (sets.add((name, after * strain)) for strain in (strain_m, carrying_nothing))
         misfits = sets.add((name, after[:, None] * by_misfit))
         loaded = sets.add((name, after * strain_m * inputs.payload_ratio))
         sets.add_set(softer, (*all_lost, *misfits, *loaded), share=0.7, weight=SOFTENING_WEIGHT * prior * ONSETS)

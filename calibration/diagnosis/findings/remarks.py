@@ -94,6 +94,11 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
         )
     elif verdict == UNKNOWN and search_result.non_parametric:
         out.append(_nearest(search_result))
+    if is_effect and (names := list(dict.fromkeys(c.effect.name for c in search_result.causes if c.alike))):
+        out.append(
+            f"{_listed(names)}: at all places of its kind alike, which says more than each of them by itself; a size "
+            "at one place leans on the others'"
+        )
     if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
         out.append("the most probable single effect is not among those that together explain most")
     return tuple(out)

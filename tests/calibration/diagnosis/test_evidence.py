@@ -256,6 +256,32 @@ def test_the_time_of_a_change_is_found_in_any_unit_of_its_channel(small, unit):
     assert 0.0 < prior < 0.1
 
 
+def test_a_change_that_goes_back_is_found_beside_the_first(small):
+    """Between the fifteenth and the thirtieth arrival; each moment against least squares with two steps."""
+    rng, context = np.random.default_rng(5), small.context
+    order = np.argsort(context.t_s)
+    response = rng.standard_normal(small.residual.shape)
+    begins, ends = context.history.arrived_s[[15, 30]] + 1e-6
+    away = ((context.t_s >= begins) & (context.t_s < ends))[:, None]
+    read = response * away + 0.1 * rng.standard_normal(response.shape)
+    observed = SimpleNamespace(
+        linear=SimpleNamespace(context=context), response=lambda _: response, weighted_residual=read
+    )
+    onsets = [onset_s + context.start_s for onset_s, _ in strongest_onsets(observed, ["any"])]
+    wanted = [np.mean(context.t_s[order][np.searchsorted(context.t_s[order], at) + [-1, 0]]) for at in (begins, ends)]
+    assert all(np.min(np.abs(np.array(onsets) - at)) < 1e-6 for at in wanted)
+
+    def left(*steps_s: float) -> float:
+        shapes = [np.ones(len(context.t_s)), *((context.t_s >= at).astype(float) for at in steps_s)]
+        columns = np.stack([(response * shape[:, None]).ravel() for shape in shapes], axis=1)
+        return float(np.sum((read.ravel() - columns @ np.linalg.lstsq(columns, read.ravel(), rcond=None)[0]) ** 2))
+
+    first, candidates = onsets[0], onsets[-2:]  # the last two are the likeliest beside the first
+    arrivals = context.history.arrived_s[1:]
+    allowed = [at for at in arrivals if all(abs(at - other) > 60.0 for other in onsets[:-2])]
+    assert left(first, candidates[0]) <= min(left(first, at) for at in allowed) + 1e-6
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_sign_that_mechanics_knows_is_half_a_prior(sign):
     """Against the integral over the coefficient, for one size: a half normal prior has twice the density."""

@@ -16,7 +16,7 @@ LEAST_OF_SLOW = {
     "refraction__between_parts": 1.0 - 1e-8, "link_thermal_growth__two_heats": 1.0 - 1e-8,
     "screw_thermal_growth__two_heats": 1.0 - 1e-8, "axis_coupling__pushed": 1.0 - 1e-8,
     "drive_scale__creeping_belt": 1.0 - 1e-8, "drive_scale__warm_holder": 1.0 - 1e-8,
-    "foundation_settling__curls": 1.0 - 1e-8,
+    "foundation_settling__curls": 1.0 - 1e-8, "tracker_drift__tripod": 1.0 - 1e-8,
 }  # fmt: skip
 
 
@@ -278,6 +278,44 @@ def foundation_settling__curls(inputs):
     return {"travel.left": bottom - top}
 
 
+def refraction__plume(inputs):
+    """Warm air rises at one place whenever a heater is on, and bends to either side what passes it."""
+    hours = inputs.context.elapsed_s / 3600.0
+    on = 1.0 / (1.0 + np.exp(-6.0 * np.sin(2.0 * np.pi * hours / 0.6)))
+    beside = (scaled(inputs.sight_m[:, 0]) - 0.4) / 0.2
+    return {"light.hz": on * beside * np.exp(-(beside**2) / 2.0)}
+
+
+def tracker_drift__tripod(inputs):
+    """The tripod takes up the warmth of the air in a quarter of an hour."""
+    air = inputs.context.part_temperature_k("air", 900.0)
+    return {"station.z": air, "station.rx": 0.1 * air}
+
+
+def axis_coupling__apart(inputs):
+    """By how far both drives stand apart."""
+    left, right = inputs.context.drives.T
+    return {"travel.left": np.sin(4.0 * (left - right))}
+
+
+def smr_reseat__put_back(inputs):
+    """A reflector is knocked aside, also off the plane, and put back."""
+    t_s = inputs.context.elapsed_s
+    away = ((t_s >= 600.0) & (t_s < 1200.0)).astype(np.float64)
+    return {"smr.P1.x": away, "smr.P1.z": -0.5 * away}
+
+
+def link_stiffness__loosened(inputs):
+    """From a moment on a strut carries a tenth: its tension falls the more the others restrain it."""
+    machine, stiffness = inputs.machine, inputs.machine.nominal.stiffness_n_per_m[0]
+    misfit_m = np.array([2.0e-5, -3.0e-5, 1.0e-5, 2.0e-5])[: len(machine.strut_names)]
+    free_n = inputs.tension_n[:, 0] + inputs.tension_response_n_per_m[:, 0] @ misfit_m
+    restraint = -inputs.tension_response_n_per_m[:, 0, 0]
+    softer = 9.0 / stiffness
+    after = inputs.context.elapsed_s >= 600.0
+    return {f"length.{machine.strut_names[0]}": after * softer * free_n / (1.0 + restraint * softer)}
+
+
 def period_m(inputs) -> float:
     ((period_m, _),) = inputs.periods(0, 1.0e-3, 6.0e-2, (0.0, 1.0))
     return period_m
@@ -299,7 +337,8 @@ LAWS_OF_LONG = (
     guide_straightness__warm_bed, guide_angular__runs_in, refraction__layer_that_sinks, guide_straightness__bolts,
     guide_angular__driven_off_centre, latency__steered_clock, axis_coupling__turns, axis_coupling__mixed_signals,
     axis_coupling__pushed, backlash__turned,
-    drive_scale__creeping_belt, drive_scale__warm_holder, foundation_settling__curls,
+    drive_scale__creeping_belt, drive_scale__warm_holder, foundation_settling__curls, refraction__plume,
+    tracker_drift__tripod, axis_coupling__apart, smr_reseat__put_back, link_stiffness__loosened,
 )  # fmt: skip
 
 

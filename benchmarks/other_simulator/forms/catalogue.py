@@ -5,8 +5,12 @@ from __future__ import annotations
 from benchmarks.other_simulator.forms import (
     columns,
     drives,
+    fourth_drives,
+    fourth_machine,
+    fourth_readings,
     guides,
     outside_first,
+    outside_fourth,
     outside_second,
     outside_third,
     rig,
@@ -19,8 +23,8 @@ from benchmarks.other_simulator.forms import (
 )
 from benchmarks.other_simulator.forms.form import Form
 
-FIRST, SECOND, SPACE, THIRD = "first", "second", "space", "third"
-ARCHIVES = (FIRST, SECOND, SPACE, THIRD)
+FIRST, SECOND, SPACE, THIRD, FOURTH = "first", "second", "space", "third", "fourth"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -41,8 +45,9 @@ _OWN: dict[str, dict[str, tuple[Form, ...]]] = {
     FIRST: {effect: forms[:OF_FIRST] for effect, forms in _FIRST_TWO.items()} | {OUTSIDE: outside_first.FORMS},
     SECOND: {effect: forms[OF_FIRST:] for effect, forms in _FIRST_TWO.items()} | {OUTSIDE: outside_second.FORMS},
     THIRD: {**third_machine.FORMS, **third_drives.FORMS, **third_readings.FORMS, OUTSIDE: outside_third.FORMS},
+    FOURTH: {**fourth_machine.FORMS, **fourth_drives.FORMS, **fourth_readings.FORMS, OUTSIDE: outside_fourth.FORMS},
 }
-_SOURCES = {FIRST: (FIRST,), SECOND: (SECOND,), SPACE: (FIRST, SECOND), THIRD: (THIRD,)}
+_SOURCES = {archive: (archive,) for archive in _OWN} | {SPACE: (FIRST, SECOND)}
 
 FORMS = {
     effect: {one.name: one for forms in _OWN.values() for one in forms[effect]} for effect in (*EFFECTS, OUTSIDE)
@@ -50,5 +55,5 @@ FORMS = {
 
 
 def names_of_forms(effect: str, archive: str) -> list[str]:
-    """Forms of an effect that an archive may have: of the first, second and third none is in two."""
+    """Forms of an effect that an archive may have: only that in space shares any with others."""
     return [one.name for source in _SOURCES[archive] for one in _OWN[source][effect]]

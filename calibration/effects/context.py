@@ -21,6 +21,7 @@ from calibration.recording.recording import Recording
 from calibration.recording.sessions import breaks_s
 
 STANDS_M_PER_S = 1.0e-3  # or rad/s
+LEAST_SPEED_M_PER_S = 1.0e-3  # of a motion
 LEAST_CHANGE_K = 0.3  # a temperature that varies less is not followed
 TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
 # Fields with one row per reading; they are also keys of a twin's file.
@@ -114,6 +115,12 @@ class ReadingContext:
     def way_m(self, drive: int) -> Array:
         """Distance (n,) that a drive has moved since the campaign's first arrival."""
         return np.asarray(np.cumsum(self.history.travelled_m[:, drive])[self.arrival])
+
+    def pause_s(self) -> Array:
+        """How long (n,) the drives stood before their last motion, as far as its way and speed say."""
+        since_s = np.diff(self.history.arrived_s, prepend=self.history.arrived_s[:1])
+        speed = np.maximum(self.approach_speed_m_per_s, LEAST_SPEED_M_PER_S)
+        return np.asarray(np.maximum(since_s - self.history.travelled_m.max(axis=1) / speed, 0.0)[self.arrival])
 
     def relative_changes(self, sensors: Iterable[str], times_s: Sequence[float]) -> list[tuple[Array, float]]:
         """What parts follow (n,) that some sensors are on, over the sensor's range, with time constants, 0: at once.

@@ -14,6 +14,7 @@ CAPS_M_PER_S = (10.0, 0.3, 0.2, 0.15, 0.125)
 TURNS_M, TURNS_WEIGHT = (1.0e-3, 6.0e-2), 0.3  # periods over the other's coordinate, or over the difference of both
 FEWEST_POSITIONS = 100  # of fewer, some wave explains a sixth of anything by chance
 OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and of the one that is shifted
+WAVE_TERMS, WAVE_WEIGHT = 24, 0.2  # half waves of any function of the other, from those that turns begin with
 TOGETHER_TERMS = 6  # of any function of both axes together
 SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
 SHORT_LEG_M = 0.01  # below which a leg's length does not matter
@@ -41,6 +42,8 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(crossed[:1], (*straight, *crossed[1:], *curve), share=0.3)
         own = cosine_basis(context.drives[:, drive], OWN_TERMS, constant=True)
         sets.add_set(sets.add((travel, half * tensor_product(cosine_basis(q, OTHER_TERMS), own))))
+        waves = sets.add((travel, half * cosine_basis(q, WAVE_TERMS, roughness=0.5)))
+        sets.add_set(waves, weight=WAVE_WEIGHT)
         own_q = context.drives[:, drive]
         for together in (q - own_q, q + own_q):  # by how far both stand apart, or by their middle
             sets.add_set(sets.add((travel, half * cosine_basis(together, TOGETHER_TERMS))))

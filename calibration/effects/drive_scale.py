@@ -68,7 +68,8 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
 
 
 def _added_by_motions(inputs: EffectInputs, drive: int) -> Array | None:
-    """Sums (n, 6) over all motions so far, up and down apart: their way, their number, their speed; each ends at one.
+    """Sums (n, 8) over all motions so far, up and down apart: their way, number and speed, and the way by the square of
+    what hangs on the drive; each ends at one.
 
     None where the readings do not say how the drives came there.
     """
@@ -76,9 +77,20 @@ def _added_by_motions(inputs: EffectInputs, drive: int) -> Array | None:
     if {"history", "speed_m_per_s"} & context.not_said.keys():
         return None
     way_m = np.diff(context.history.drives[:, drive], prepend=context.history.drives[:1, drive])
-    each = np.column_stack([np.abs(way_m), np.ones_like(way_m), context.approach_speed_m_per_s])
+    load = _load_at_arrivals(inputs, drive)
+    each = np.column_stack(
+        [np.abs(way_m), np.ones_like(way_m), context.approach_speed_m_per_s, np.abs(way_m) * load**2]
+    )
     so_far = [np.cumsum(each * (side * way_m > 0.0)[:, None], axis=0)[context.arrival] for side in (1.0, -1.0)]
     return np.column_stack([_to_one(column) for sums in so_far for column in sums.T])
+
+
+def _load_at_arrivals(inputs: EffectInputs, drive: int) -> Array:
+    """What loads a drive at each arrival (k,), over the largest."""
+    pull_n = inputs.pull_n[:, drive] @ inputs.machine.nominal.axis[drive]
+    load = np.zeros(len(inputs.context.history.arrived_s))
+    load[inputs.context.arrival] = pull_n / max(float(np.abs(pull_n).max()), 1e-300)
+    return load
 
 
 def _to_one(shape: Array) -> Array:

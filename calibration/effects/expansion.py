@@ -50,10 +50,27 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
                 sets.add_set(late, weight=LATE_SHARE * COEFFICIENT_WEIGHT)
             curve = sets.add((f"growth.{part}", span_k * curve_over(change_k)))
             sets.add_set(curve, weight=LATE_SHARE * COEFFICIENT_WEIGHT, size=rises_of_curve())
+        _add_mixed_materials(sets, inputs, part, above_k)
         if part in PARTS_OF_COLUMNS and sensor not in bent_by:
             bent_by.append(sensor)
             _add_bending_columns(sets, inputs, above_k, sensor)
     return sets
+
+
+def _add_mixed_materials(sets: BasisSets, inputs: EffectInputs, part: str, above_k: Array) -> None:
+    """Struts, or screws and scales, of several materials: a spare part is not of the one that is stated for all."""
+    machine = inputs.machine
+    if part == "struts":
+        lengths = dict(zip((f"length.{name}" for name in machine.strut_names), machine.nominal.length_m, strict=True))
+    elif part == "drives":
+        lengths = dict(zip((f"travel.{name}" for name in machine.drive_names), inputs.context.drives.T, strict=True))
+    else:
+        return
+    each = [sets.add((channel, length_m * above_k)) for channel, length_m in lengths.items()]
+    weight = LATE_SHARE * COEFFICIENT_WEIGHT
+    for own in each:
+        sets.add_set(own, weight=weight / len(each))
+    sets.add_set([c for own in each for c in own], weight=weight)
 
 
 def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, above_k: Array, sensor: str) -> None:

@@ -12,6 +12,7 @@ from calibration.effects.onsets import ONSET, untested_in_short_campaign
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
 ONSETS = 12
+TWIST_WEIGHT = 0.5  # of a station that turns about the vertical alone, in any course
 WARM_UP_S = (900.0, 2700.0)
 CREEP_S = 900.0
 LATE_AIR_S, LATE_AIR_WEIGHT = (900.0, 3600.0), 0.5  # in which what carries the station takes up the air's warmth
@@ -40,11 +41,13 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
         sets.add_set(frame(1.0 - np.exp(-t / tau_s), "warming_up"))
     air = inputs.context.temperatures_c["air"]
     sets.add_set(frame((air - air[np.argmin(t)]) / max(float(np.ptp(air)), 0.1), "with_air"))
-    for with_late_air, _ in inputs.context.relative_changes(("air",), LATE_AIR_S):  # the tripod and the floor
+    for with_late_air, _tau_s in inputs.context.relative_changes(("air",), LATE_AIR_S):  # the tripod and the floor
         sets.add_set(frame(with_late_air), weight=LATE_AIR_WEIGHT)
     for onset, prior in inputs.onsets([f"station.{k}" for k in FRAME]):
         sets.add_set(frame((t >= onset).astype(np.float64), "step"), weight=2.0 * prior, onset_s=onset)
-    sets.add_set(frame(random_walk_basis(t / HOUR_S, 40)), weight=2.0)
+    walk = random_walk_basis(t / HOUR_S, 40)
+    sets.add_set(frame(walk), weight=2.0)
+    sets.add_set(sets.add(("station.rz", walk / DRIFT_LEVER_M)), weight=TWIST_WEIGHT)  # legs that the sun shines on
     return sets
 
 

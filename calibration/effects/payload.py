@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
-from calibration.effects.basis_functions import cosine_basis, tensor_product
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
 from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
 
@@ -21,6 +21,7 @@ LEVER_M = 0.25  # at which a mass beside the stated centre turns the platform as
 SWINGS_RAD_PER_S, CALMS_S = (0.9, 1.4, 2.2), 12.0  # of what swings after a stop
 REST_TERMS, MOVING_WEIGHT, STOPPED_M_PER_S = 4, 0.2, 0.5  # of a centre that moves on after a stop, from this speed
 AGE_TERMS, PLACE_TERMS, CHANGING_WEIGHT = 4, 2, 0.2  # of a load that changes in time or with the place
+FINE_TERMS, FINE_WEIGHT = 16, 0.1  # of a centre that slides about
 LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
 MOUNTINGS = 6  # terms of what may be otherwise each time
 
@@ -87,6 +88,10 @@ def _add_changing_loads(sets: BasisSets, inputs: EffectInputs, mounted: Array) -
     for loads in (age, mounted[:, None] * age):
         changing = sets.add(("payload.mass", loads))
         sets.add_set(changing, _by_strut(sets, inputs, changing), weight=CHANGING_WEIGHT)
+    finely = random_walk_basis(inputs.context.elapsed_s / max(float(inputs.context.elapsed_s.max()), 1.0), FINE_TERMS)
+    slid = _moment_of_centre(inputs, mounted)[:, None] * finely
+    if sliding := [c for channel in _of_centre(inputs) for c in sets.add((channel, slid))]:
+        sets.add_set(sliding, _by_strut(sets, inputs, sliding[:1]), weight=FINE_WEIGHT)
     moved = _moment_of_centre(inputs, mounted)[:, None] * age
     if centre := [c for channel in _of_centre(inputs) for c in sets.add((channel, moved))]:
         sets.add_set(centre, _by_strut(sets, inputs, centre), weight=CHANGING_WEIGHT)

@@ -18,8 +18,10 @@ from calibration.effects.api import (
 from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, scale_to_symmetric
 
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
+LEAST_PAUSES, PAUSE_WEIGHT = 0.7, 0.3  # of the logarithm of the rest before a motion
 REST_TERMS = 4  # of any function of the rest
 LOAD_TERMS, ANY_LOAD_WEIGHT = 3, 0.3  # of any function of the load; what grows with it is wind-up rather than play
+FLANK_WEIGHT = 0.05  # of a load that says on which flank it lies, as under a counterweight
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
@@ -55,6 +57,11 @@ def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
     sets.add_set(main, (*place, *resting[1]), share=0.3, sign=1.0)
     any_rest = sets.add((travel, side[:, None] * cosine_basis(np.log(inputs.context.dwell_s + 0.3), REST_TERMS)))
     sets.add_set(main, (*place, *any_rest), share=0.6, sign=1.0)
+    pull_n = inputs.pull_n[:, drive] @ inputs.machine.nominal.axis[drive]
+    if varies(pull_n, PRESSED_LEAST * float(np.abs(pull_n).max())):  # where hardly any load is left it lies by the side
+        flank = cosine_basis(pull_n, LOAD_TERMS, roughness=1.0)
+        by_load = sets.add((travel, np.column_stack([0.5 * flank, side[:, None] * flank])))
+        sets.add_set(main, by_load, share=1.0, weight=FLANK_WEIGHT, sign=1.0)
     if varies(inputs.payload_ratio, PRESSED_LEAST):
         any_load = sets.add((travel, side[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
         sets.add_set(main, any_load, share=0.6, weight=ANY_LOAD_WEIGHT, sign=1.0)
@@ -98,6 +105,13 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         main = sets.add((travel, -pressed), form="coulomb")
         sets.add_set(main)
         sets.add_set(main, (*faster, *sets.add((travel, -pressed * u), form="coulomb_by_length")), share=0.3)
+    pause_s = context.pause_s() if not {"t_s", "history", "speed_m_per_s"} & context.not_said.keys() else None
+    if pause_s is not None and varies(np.log(pause_s + 1.0), LEAST_PAUSES):  # contacts grow firm while they rest
+        constant = sets.add((travel, -FRICTION_SHARE * RATED_N * side))
+        firmer = cosine_basis(np.log(pause_s + 1.0), REST_TERMS)
+        sets.add_set(
+            (*constant, *sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * firmer))), weight=PAUSE_WEIGHT
+        )
     low, high = inputs.machine.travel[drive]
     length = (context.drives[:, drive] - low) / (high - low)
     for form, wound in levers:

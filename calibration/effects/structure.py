@@ -13,6 +13,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter, Textbook, varies
 from calibration.effects.basis_functions import cosine_basis, tensor_product
+from calibration.effects.softening import add_softening
 from calibration.effects.strut_laws import (
     ElongationLaw,
     LawParameter,
@@ -38,8 +39,8 @@ PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of i
 LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
 CREEP_TIMES_S = (400.0, 1600.0)
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a softness that is another one at any time
-LEAST_OWN = 0.05  # of the largest restraint of a strut by the others
-ONSETS, SOFTENING_WEIGHT = 12, 0.5  # of a softness that sets in at some moment
+PASSED_WEIGHT = 0.2  # of a force on another column that bends this one
+LATE_TIMES_S, LATE_WEIGHT = (100.0, 300.0, 900.0), 0.2  # in which a bushing follows its force
 RESTS_S, REST_WEIGHT = (3.0, 12.0, 48.0), 0.3  # in which a pin sinks through its oil
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
 NARROW = 0.02  # tension over which a one-sided spring sets in, over the typical tension
@@ -60,6 +61,7 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
         for load in (inputs.payload_ratio, *inputs.once("creeping", lambda: _creeping_loads(inputs)))
         if varies(load, LEAST_LOAD_CHANGE)
     ]
+    _add_passed_on(sets, inputs, drive)
     for channel, force in directions:
         size = max(float(np.std(force)), 1.0)
         mean = force.mean()
@@ -86,6 +88,17 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
         for load in loads:
             sets.add_set(sets.add((channel, typical * load)), weight=LOAD_WEIGHT)
     return sets
+
+
+def _add_passed_on(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
+    """A crossbeam passes on to a column what bends another one, the more the higher the carriage stands there."""
+    h = inputs.height_m(drive)
+    for other in inputs.other_drives(drive):
+        where = cosine_basis(inputs.normalised_travel(other), FORCE_TERMS, constant=True)
+        for side, turn, sign in inputs.leaning(drive):
+            force = inputs.pull_n[:, other, "xyz".index(side[-1])]
+            passed = force[:, None] * where
+            sets.add_set(sets.add((side, sign * passed * h[:, None]), (turn, passed)), weight=PASSED_WEIGHT)
 
 
 def _creeping_loads(inputs: EffectInputs) -> list[Array]:
@@ -135,25 +148,10 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
         ages = cosine_basis(inputs.context.elapsed_s, AGE_TERMS)
         ageing = sets.add((name, np.column_stack([t[:, None] * ages, size * ages])))
         sets.add_set((*main, *ageing), loaded, share=0.6, weight=AGE_WEIGHT)
-        _add_softening_at_once(sets, inputs, strut, t)
+        add_softening(sets, inputs, strut, t)
+        late = [inputs.context.lagging(t, tau_s) for tau_s in LATE_TIMES_S]
+        sets.add_set(sets.add((name, np.column_stack([t, *late]))), weight=LATE_WEIGHT)  # a bushing that flows
     return sets
-
-
-def _add_softening_at_once(sets: BasisSets, inputs: EffectInputs, strut: int, strain_m: Array) -> None:
-    """A strut that is softer from a moment on, as by a bolt that came loose: it grows by its tension, of which the
-    share by misfits of all struts is hardly known, and which falls the more the softer it becomes."""
-    name, elapsed_s = f"length.{inputs.machine.strut_names[strut]}", inputs.context.elapsed_s
-    size = max(float(np.std(strain_m)), 1e-9)
-    by_misfit = inputs.tension_response_n_per_m[:, strut]
-    by_misfit = size * by_misfit / np.maximum(np.abs(by_misfit).max(axis=0), 1e-9)
-    own = np.abs(by_misfit[:, strut] / size)
-    carrying_nothing = strain_m / np.maximum(own, LEAST_OWN)  # it grows until the others carry its force
-    for onset_s, prior in inputs.onsets((name,)):
-        after = (elapsed_s >= onset_s).astype(np.float64)
-        softer, all_lost = (sets.add((name, after * strain)) for strain in (strain_m, carrying_nothing))
-        misfits = sets.add((name, after[:, None] * by_misfit))
-        loaded = sets.add((name, after * strain_m * inputs.payload_ratio))
-        sets.add_set(softer, (*all_lost, *misfits, *loaded), share=0.7, weight=SOFTENING_WEIGHT * prior * ONSETS)
 
 
 def clearance(inputs: EffectInputs, strut: int) -> BasisSets:

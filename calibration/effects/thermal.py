@@ -15,15 +15,19 @@ from calibration.effects.api import (
     EffectParameter,
     Textbook,
     geometric_series,
-    varies,
 )
-from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve
+from calibration.effects.basis_functions import (
+    cosine_basis,
+    curve_over,
+    random_walk_basis,
+    rises_of_curve,
+    scale_to_symmetric,
+)
+from calibration.effects.heats import DUTY_M_PER_S, heats_of_drive, heats_of_motion
 
 TIME_CONSTANTS_S = geometric_series(250.0, 7000.0, 6)
-HEAT_TIME_CONSTANTS_S = TIME_CONSTANTS_S[1::2]
 LAG_TIME_CONSTANTS_S = geometric_series(400.0, 5000.0, 4)
 COLUMN_WIDTH_M = 0.4
-DUTY_M_PER_S = 0.01
 PRETENSION_SHARES = (
     0.1,
     0.2,
@@ -37,12 +41,12 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
     "base": ("column", "base", "frame", "tower", "bed"),
     "drives": ("screw", "spindle", "nut"),
 }
+FINE_TERMS, FINE_WEIGHT = 24, 0.1  # of any course in time
+FINEST_TERMS = 48  # of a strut, which is warm and cold again within minutes
+HEIGHT_TIMES_S, HEIGHT_WEIGHT = (200.0, 600.0), 0.1  # in which a strut takes up the air's warmth where it hangs
 CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
 HEAT_WEIGHT = 0.1  # the same of what grows with the heat of its drive, which few recordings can tell
-MOTION_TIMES_S = geometric_series(90.0, 4000.0, 3)  # of joints and bearings up to whole columns
 MOTION_WEIGHT = 0.3  # what grows with the heat of motion, in proportion
-SPEED_M_PER_S, BETWEEN_MOTIONS_S = 0.5, 30.0  # of a typical motion, and between two
-LEAST_TORQUE = 0.05  # over rated torque: where it varies less, friction is as the way and a motor's losses are constant
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
 _LUMPED = "Incropera, DeWitt, Fundamentals of Heat and Mass Transfer: lumped capacitance, uniform linear expansion"
@@ -85,53 +89,6 @@ def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float
     return rises, lags
 
 
-def _heats_of_drive(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
-    """Heat (n,) by a drive's friction, |torque| times speed, and by its motor's losses, torque squared, which parts
-    take up and lose again with time constants; over their ranges. None where the torque is not known or hardly varies.
-    """
-    return inputs.once(("heats", drive), lambda: _followed_heats(inputs, drive))
-
-
-def _followed_heats(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
-    context = inputs.context
-    if {"torque", "t_s", "history"} & context.not_said.keys():
-        return []
-    torque = np.abs(context.torque[:, drive])
-    if not varies(torque, LEAST_TORQUE):
-        return []
-    lasted_s = np.diff(context.history.arrived_s, prepend=np.nan)
-    lasted_s = np.where(lasted_s > 0.0, lasted_s, np.inf)  # of the first arrival nobody knows
-    speed_m_per_s = (context.history.travelled_m[:, drive] / lasted_s)[context.arrival]
-    out = []
-    for power in (torque * speed_m_per_s, torque**2):
-        for tau in HEAT_TIME_CONSTANTS_S:
-            heat = context.lagging(power, tau)
-            out.append((heat / max(float(np.ptp(heat)), 1e-12), tau))
-    return out
-
-
-def _heats_of_motion(inputs: EffectInputs, drive: int, *, shortest_s: float = 0.0) -> list[tuple[Array, float]]:
-    """Heat (n,) that a drive's motions have left, with time constants: by the way (Coulomb's friction), by way and
-    speed (viscous friction), and by the number of motions (losses of starting and stopping). Each is one for typical
-    motions all the time. shortest_s: of the time constants of a part.
-    """
-    heats = inputs.once(("heats of motion", drive), lambda: _heats_left(inputs, drive))
-    return [(heat, tau) for heat, tau in heats if tau >= shortest_s]
-
-
-def _heats_left(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
-    context = inputs.context
-    if {"t_s", "history", "speed_m_per_s"} & context.not_said.keys():
-        return []
-    way_m = context.history.travelled_m[:, drive]
-    rates = (
-        way_m / DUTY_M_PER_S,
-        way_m * context.approach_speed_m_per_s / (DUTY_M_PER_S * SPEED_M_PER_S),
-        np.where(way_m > 0.0, BETWEEN_MOTIONS_S, 0.0),
-    )
-    return [(context.left_by_motions(rate, tau) / tau, tau) for rate in rates for tau in MOTION_TIMES_S]
-
-
 def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
     return None if np.ptp(inputs.context.t_s) >= LEAST_S else "the campaign is too short for a part to warm"
 
@@ -169,6 +126,8 @@ def _add_thermal_sets(
         sets.add_set(pulse, rest, share=0.1, weight=0.5, tau_s=tau)
     for lag, (_, tau) in zip(lagging, lags, strict=True):
         sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
+    finely = random_walk_basis(t / max(float(t.max()), 1.0), FINE_TERMS)
+    sets.add_set(through(finely), weight=FINE_WEIGHT)  # something beside it that goes on and off
     course = through(curve_over(inputs.context.elapsed_s))
     sets.add_set(course, weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=float(np.median(TIME_CONSTANTS_S)))
     for following, tau in _followed(inputs, part):
@@ -190,9 +149,18 @@ def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
     """A strut grows by alpha l dT; its joints may be warmed by the motions of its drive."""
     sets, machine = BasisSets(), inputs.machine
     drive = int(machine.strut_drive[strut])
-    motions = _heats_of_motion(inputs, drive) if drive >= 0 else ()
+    motions = heats_of_motion(inputs, drive) if drive >= 0 else ()
     grown = np.full(len(inputs.context), machine.expansion_per_k["struts"] * machine.nominal.length_m[strut])
-    _add_thermal_sets(sets, ((f"length.{machine.strut_names[strut]}", grown),), inputs, "struts", motions=motions)
+    channel = f"length.{machine.strut_names[strut]}"
+    _add_thermal_sets(sets, ((channel, grown),), inputs, "struts", motions=motions)
+    if "t_s" not in inputs.context.not_said:
+        t = inputs.context.elapsed_s
+        finest = random_walk_basis(t / max(float(t.max()), 1.0), FINEST_TERMS)
+        sets.add_set(sets.add((channel, grown[:, None] * finest)), weight=FINE_WEIGHT)
+        for tau_s in HEIGHT_TIMES_S:  # air is warmer above, and a strut follows that where its drives have carried it
+            hung = [scale_to_symmetric(inputs.context.lagging(q, tau_s)) for q in inputs.context.drives.T]
+            where = sets.add((channel, grown[:, None] * np.column_stack(hung)))
+            sets.add_set(where, weight=HEIGHT_WEIGHT, tau_s=tau_s)
     return sets
 
 
@@ -203,8 +171,8 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     """
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]
     h = inputs.height_m(drive)
-    travel, heats = f"travel.{inputs.drive(drive)}", _heats_of_drive(inputs, drive)
-    motions = _heats_of_motion(inputs, drive, shortest_s=_TAU.low)
+    travel, heats = f"travel.{inputs.drive(drive)}", heats_of_drive(inputs, drive)
+    motions = heats_of_motion(inputs, drive, shortest_s=_TAU.low)
     _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=heats, motions=motions)
     _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
     # Warmer at any height, c1 + c2 z + c3 z^2: growths by h, h^2 and h^3 follow one course each. The size is that in
@@ -262,9 +230,9 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
     heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
     of_any = (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives")))
-    by_torque = [heat for heat, _ in _heats_of_drive(inputs, drive)]
+    by_torque = [heat for heat, _ in heats_of_drive(inputs, drive)]
     every, along, means = [], span * _along_screw(u), _means_along_screw()
-    for heat, tau in _heats_of_motion(inputs, drive, shortest_s=_TAU.low):  # warmest anywhere along the screw
+    for heat, tau in heats_of_motion(inputs, drive, shortest_s=_TAU.low):  # warmest anywhere along the screw
         warmed = sets.add((travel, alpha * heat[:, None] * along))
         sets.add_set(warmed, weight=MOTION_WEIGHT, size=means, tau_s=tau)
         every += warmed

@@ -268,7 +268,9 @@ def test_a_change_that_goes_back_is_found_beside_the_first(small):
         linear=SimpleNamespace(context=context), response=lambda _: response, weighted_residual=read
     )
     onsets = [onset_s + context.start_s for onset_s, _ in strongest_onsets(observed, ["any"])]
-    wanted = [np.mean(context.t_s[order][np.searchsorted(context.t_s[order], at) + [-1, 0]]) for at in (begins, ends)]
+    in_time = context.t_s[order]
+    rows = np.searchsorted(in_time, (begins, ends))
+    wanted = 0.5 * (in_time[rows - 1] + in_time[rows])
     assert all(np.min(np.abs(np.array(onsets) - at)) < 1e-6 for at in wanted)
 
     def left(*steps_s: float) -> float:

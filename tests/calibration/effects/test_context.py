@@ -69,6 +69,16 @@ def test_the_way_of_a_drive_is_the_sum_of_all_its_motions(m):
         assert m.way_m(drive) == pytest.approx([longest[arrival] for arrival in m.arrival])
 
 
+def test_a_pause_is_what_is_left_of_the_time_between_two_arrivals_without_the_motion(m):
+    arrived_s, places = m.history.arrived_s, m.history.drives
+    for reading in range(0, len(m), 7):
+        k = int(m.arrival[reading])
+        way_m = np.abs(places[k] - places[k - 1]).max() if k else 0.0
+        stood_s = arrived_s[k] - arrived_s[k - 1] - way_m / m.speed_m_per_s[reading] if k else 0.0
+        assert m.pause_s()[reading] == pytest.approx(max(stood_s, 0.0), abs=1e-6)
+    assert np.median(m.pause_s()) > 5.0
+
+
 def test_the_way_beyond_a_campaign_ends_where_the_campaign_did(m):
     """What is asked of a twin later is no longer way than it has seen."""
     history = replace(m.history, drives=m.history.drives + 0.3 * (-1.0) ** np.arange(len(m.history.drives))[:, None])

@@ -316,6 +316,54 @@ def link_stiffness__loosened(inputs):
     return {f"length.{machine.strut_names[0]}": after * softer * free_n / (1.0 + restraint * softer)}
 
 
+def link_thermal_growth__switched(inputs):
+    """An air conditioner that its thermostat switches blows on a strut: it cools within minutes and warms again."""
+    t_s = inputs.context.elapsed_s
+    on = (np.sin(2.0 * np.pi * t_s / 700.0) > 0.3).astype(np.float64)
+    return {"length.left_upper": inputs.context.lagging(on, 120.0)}
+
+
+def expansion_coefficient__spare_parts(inputs):
+    """Struts of three makes."""
+    machine = inputs.machine
+    above_k = inputs.context.temperatures_c[machine.sensors["struts"]] - machine.reference_temperature_c
+    shares = (1.0, -0.4, 0.0, 0.7)
+    rises = zip(machine.strut_names, machine.nominal.length_m, shares, strict=True)
+    return {f"length.{name}": share * length_m * above_k for name, length_m, share in rises}
+
+
+def link_stiffness__flows(inputs):
+    """A bushing gives way to its force within minutes."""
+    context, tension_n = inputs.context, inputs.tension_n[:, 0]
+    return {"length.left_upper": tension_n + 2.0 * context.lagging(tension_n, 180.0)}
+
+
+def link_stiffness__bolts(inputs):
+    """Bolts that work loose with the way of the drive: the preload of its misfits shows more and more."""
+    misfit_m = np.array([2.0e-5, -3.0e-5, 1.0e-5, 2.0e-5])
+    free_n = inputs.tension_n[:, 0] + inputs.tension_response_n_per_m[:, 0] @ misfit_m
+    return {"length.left_upper": free_n * scaled(inputs.context.way_m(0)) ** 2}
+
+
+def column_compliance__crossbeam(inputs):
+    """What pulls the other column aside leans this one, the more the higher its carriage is there."""
+    ((side, turn, sign),) = inputs.leaning(0)
+    angle = inputs.pull_n[:, 1, 0] * scaled(inputs.context.drives[:, 1]) ** 2
+    return {side: sign * angle * inputs.height_m(0), turn: angle}
+
+
+def axis_coupling__wave(inputs):
+    """A chain runs over the rollers of the other drive."""
+    return {"travel.left": np.sin(2.0 * np.pi * inputs.context.drives[:, 1] / 0.3 + 0.8)}
+
+
+def friction_windup__rested(inputs):
+    """Contacts that grow firm with the logarithm of the rest before a motion."""
+    context = inputs.context
+    firm = 0.3 + np.log1p(context.pause_s() / 8.0)
+    return {"travel.left": -context.direction[:, 0] * firm}
+
+
 def period_m(inputs) -> float:
     ((period_m, _),) = inputs.periods(0, 1.0e-3, 6.0e-2, (0.0, 1.0))
     return period_m
@@ -339,6 +387,9 @@ LAWS_OF_LONG = (
     axis_coupling__pushed, backlash__turned,
     drive_scale__creeping_belt, drive_scale__warm_holder, foundation_settling__curls, refraction__plume,
     tracker_drift__tripod, axis_coupling__apart, smr_reseat__put_back, link_stiffness__loosened,
+    link_thermal_growth__switched, expansion_coefficient__spare_parts,
+    link_stiffness__flows, link_stiffness__bolts, column_compliance__crossbeam, axis_coupling__wave,
+    friction_windup__rested,
 )  # fmt: skip
 
 

@@ -9,9 +9,9 @@ BIN := $(VENV)/bin
 demo: $(VENV)/run.stamp
 	$(BIN)/pkm-rig demo $(if $(MACHINE),--machine $(MACHINE))
 
-# Three workers on two cores: many tests wait for an answer that does not come, or for a deadline, and use no core meanwhile.
+# Four workers on two cores: many tests wait for an answer that does not come, or for a deadline, and use no core meanwhile.
 test: $(VENV)/dev.stamp
-	$(BIN)/python -m pytest -n 3
+	$(BIN)/python -m pytest -n 4
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff check .

@@ -1,6 +1,7 @@
 """The gap between the calibrated model and the machine: where it is, which effect causes it, how far it shrinks."""
 
 __all__ = [
+    "alike_places",
     "any_change",
     "basis_set_evidence",
     "cause_size",

@@ -29,7 +29,7 @@ from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
-ALIKE_PRIOR = math.log(4.0)  # log odds against all places alike: half of all sets of several places
+ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
 FAR_BELOW = 30.0  # log evidence of a basis set below the best one at its place that decides nothing
 
 

@@ -304,17 +304,17 @@ def test_the_catalogue_is_logged_before_new_final_forms_come(tmp_path):
 
 
 def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
-    assert run.main(arguments(tmp_path / "out", n=5, kinds="effect,null,outside", batch=3)) in (0, 1)
+    assert run.main(arguments(tmp_path / "out", n=3, kinds="effect,null", batch=1)) in (0, 1)
     rows = rows_of(tmp_path / "out")
-    assert Counter(r["kind"] for r in rows) == {"effect": 1, "null": 2, "outside": 1}
-    assert [r["error"] for r in rows] == [""] * 4
-    assert sum(overall_right(r) for r in rows if answerable(r)) >= 2
+    assert Counter(r["kind"] for r in rows) == {"effect": 1, "null": 1}
+    assert [r["error"] for r in rows] == ["", ""]
+    assert sum(overall_right(r) for r in rows if answerable(r)) >= 1
     for r in rows:
         assert sum(p for _, p in r["ranked"]) <= 1.0 + 1e-9
         assert r["predicted_share"] > 0.99  # noise with tails: a reading or two in a thousand is left out
         assert r["achieved"] < 1.0
     document = json.loads((tmp_path / "out" / "results.json").read_text())
-    assert document["cases"] == 4
+    assert document["cases"] == 2
     assert "one diagnosis, median" in capsys.readouterr().out
 
 

@@ -201,7 +201,8 @@ def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, pl
 
 @pytest.mark.parametrize("planted", [(0,), (0, 1)])
 def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted, monkeypatch):
-    """By dense densities: one place or both with even odds, the second given the first in its most likely size."""
+    """By dense densities: one place or both with even odds, the second given the first in its most likely size; and both
+    alike, with an eighth: of one size, or of two that are correlated."""
     monkeypatch.setattr(departure_evidence, "SMOOTH_SHARES", ())
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = with_forms_at(0, 1)
@@ -220,12 +221,18 @@ def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted
     (first, size), (second, _) = over_sizes(h[:, 0], c), over_sizes(h[:, 1], c)
     further, _ = over_sizes(h[:, 1], c + size * size * np.outer(h[:, 0], h[:, 0]))
     expected = np.logaddexp.reduce([first - np.log(4.0), second - np.log(4.0), *([first + further - np.log(2.0)])])
+    both, each = np.outer(h.sum(axis=1), h.sum(axis=1)), h @ h.T
+
+    def alike_over_sizes(correlation):
+        shared = correlation * both + (1.0 - correlation) * each
+        return np.logaddexp.reduce([log_density(y, c + a * a * shared) for a in sizes]) - np.log(SIZES)
+
+    alike = max(alike_over_sizes(1.0), alike_over_sizes(0.9)) - log_density(y, c) - np.log(2.0)
     (cause,) = rank_effects(with_effect, inputs, [effect])
     assert [part.place for part in cause.parts] == [("left", "right")[place] for place in planted]
     assert all(not part.further for part in cause.parts)
-    assert cause.log_evidence == pytest.approx(
-        expected if len(planted) > 1 else np.logaddexp(first, second) - np.log(4.0), abs=1e-3
-    )
+    one_by_one = expected if len(planted) > 1 else np.logaddexp(first, second) - np.log(4.0)
+    assert cause.log_evidence == pytest.approx(np.logaddexp(one_by_one, alike - np.log(8.0)), abs=1e-3)
     included = include_cause(with_effect, cause)
     parts = np.concatenate([
         likelihood.columns(part.contributions) * part.prior_deviations for part in cause.parts

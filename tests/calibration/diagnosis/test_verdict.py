@@ -189,7 +189,9 @@ def found_beside(departure_gain: float, *, excess: float = 0.0, differs_with=("r
     result.non_parametric = (SimpleNamespace(channel="travel.left", coordinate="time", log_evidence=12.0),)
     result.non_parametric_alone = ()
     result.causes = [
-        SimpleNamespace(effect=CATALOGUE.effect(name), place=place, departure_gain=gain, differs_with=differs_with)
+        SimpleNamespace(
+            effect=CATALOGUE.effect(name), place=place, departure_gain=gain, differs_with=differs_with, alike=False
+        )
         for name, place, gain in (("backlash", "right", departure_gain), ("latency", "", 0.0))
     ]
     return result
@@ -200,6 +202,18 @@ def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(ex
     remarks = _of_verdict(found_beside(0.0, excess=excess), verdict, noise_floor_m=5e-6)
     assert len(remarks) == said
     assert all("travel.left" in remark and "time" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize(("alike", "verdict", "said"), [(True, "backlash", 1), (False, "backlash", 0), (True, NONE, 0)])
+def test_sizes_that_lean_on_one_another_are_said_to(alike, verdict, said):
+    result = found_beside(0.0)
+    result.causes = [replace_of(cause, alike=alike and cause.effect.name == "backlash") for cause in result.causes]
+    remarks = _of_verdict(result, verdict, noise_floor_m=5e-6)
+    assert [remark.startswith("backlash: at all places of its kind alike") for remark in remarks] == [True] * said
+
+
+def replace_of(cause: SimpleNamespace, **changes: object) -> SimpleNamespace:
+    return SimpleNamespace(**{**vars(cause), **changes})
 
 
 @pytest.mark.parametrize(("departure_gain", "said"), [(83.0, 0), (84.0, 1)])

@@ -201,8 +201,8 @@ def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, pl
 
 @pytest.mark.parametrize("planted", [(0,), (0, 1)])
 def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted, monkeypatch):
-    """By dense densities: one place or both with even odds, the second given the first in its most likely size; and both
-    alike, with an eighth: of one size, or of two that are correlated."""
+    """By dense densities: one place or both with even odds, the second given the first in its most likely size; and
+    both alike, with an eighth: of one size, or of two that are correlated."""
     monkeypatch.setattr(departure_evidence, "SMOOTH_SHARES", ())
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = with_forms_at(0, 1)

@@ -21,7 +21,7 @@ from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
 CORRELATION = 0.9  # of coefficients at two places
-MOST_COLUMNS = 24  # of a basis set: more are any function of time, which may be another at each place
+MOST_COLUMNS = 8  # of a basis set: more are any function, which is another at each place
 
 
 @dataclass(frozen=True)

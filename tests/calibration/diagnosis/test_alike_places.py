@@ -79,6 +79,12 @@ def test_what_all_struts_do_is_told_where_no_single_one_shows_it(warm):
         assert part.best.coefficients[0] == pytest.approx(2.0, abs=4.0 * math.sqrt(part.best.covariance[0, 0]) + 0.5)
 
 
+def test_no_place_is_lost_that_has_little_beside_the_others():
+    likelihood, inputs = measured(0.7, 0.7, 0.7, 0.7)
+    found = search_causes(likelihood, inputs, [GROWTH])
+    assert sorted(part.place for part in found.causes) == sorted(STRUTS)
+
+
 def test_one_strut_is_one_strut():
     likelihood, inputs = measured(4.0)
     (cause,) = rank_effects(likelihood, inputs, [GROWTH])

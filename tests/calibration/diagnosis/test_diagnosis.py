@@ -99,8 +99,8 @@ def test_a_sound_machine_has_no_effect(seed, levels):
 
 
 def test_what_a_rig_does_not_declare_is_not_zero():
-    """A little reversal error, drift and reseating: none where nothing is declared, backlash where zero is."""
-    real = DisturbanceLevels(drift_m=3e-6, reseat_m=1e-6, reversal_m=1.5e-6, temperature_k=0.01)
+    """A little reversal error, drift and reseating: none where nothing is declared, an effect where zero is."""
+    real = DisturbanceLevels(drift_m=6e-6, reseat_m=1e-6, reversal_m=3e-6, temperature_k=0.01)
     made = recorded(plant(100, nuisance=real))
     verdicts = [
         diagnose(replace(made, file=made.file.model_copy(update={"nuisance": declared}))).verdict

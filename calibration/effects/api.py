@@ -119,6 +119,10 @@ class EffectInputs:
         """Indices of all drives but one."""
         return tuple(i for i in range(len(self.machine.drive_names)) if i != index)
 
+    def pull_along_n(self, index: int) -> Array:
+        """What the struts pull on a drive along its axis (n,)."""
+        return np.asarray(self.pull_n[:, index] @ self.machine.nominal.axis[index])
+
     def channels_of_drive(self, kind: str, index: int) -> tuple[str, ...]:
         """Channels of a kind ('sideways', 'turn') at a drive."""
         return tuple(c for c in self.channels if c.startswith(f"{kind}.{self.drive(index)}."))

@@ -31,10 +31,14 @@ def random_walk_basis(t: Array, terms: int) -> Array:
     return np.asarray(np.sqrt(2.0 * span) * np.sin(np.pi * np.outer(t / span, k)) / (np.pi * k))
 
 
+def any_course(t_s: Array, terms: int) -> Array:
+    """Any course in time (n, k): a random walk over the whole time."""
+    return random_walk_basis(t_s / max(float(t_s.max()), 1.0), terms)
+
+
 def course_with_jumps(t_s: Array, terms: int, jumps_s: Sequence[float]) -> Array:
     """Any course in time (n, k): a random walk over the whole time, and jumps at some moments."""
-    walk = random_walk_basis(t_s / max(float(t_s.max()), 1.0), terms)
-    return np.column_stack([walk, *((t_s >= jump_s).astype(np.float64) for jump_s in jumps_s)])
+    return np.column_stack([any_course(t_s, terms), *((t_s >= jump_s).astype(np.float64) for jump_s in jumps_s)])
 
 
 def steps_over(t_s: Array, course: Array) -> Array:

@@ -6,7 +6,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product, wave_of
+from calibration.effects.basis_functions import any_course, cosine_basis, tensor_product, wave_of
 
 REFERENCE_SPEED_M_PER_S = 0.5
 DWELL_TIMES_S = geometric_series(0.5, 16.0, 7)
@@ -103,7 +103,7 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
         ages = cosine_basis(context.elapsed_s, AGE_TERMS)
         at_any_time = [c for age in ages.T for c in all_drives(context.velocity_m_per_s * age[:, None], "")]
         sets.add_set((*moving, *at_any_time), by_drive, share=0.6, weight=AGE_WEIGHT)
-        walk = random_walk_basis(context.elapsed_s / max(float(context.elapsed_s.max()), 1.0), COURSE_TERMS)
+        walk = any_course(context.elapsed_s, COURSE_TERMS)
         course = [c for step in walk.T for c in all_drives(context.velocity_m_per_s * step[:, None], "")]
         sets.add_set((*moving, *course), by_drive, share=0.6, weight=COURSE_WEIGHT)
     for reached in _speeds(inputs)[::2]:
@@ -149,7 +149,7 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
 
 def _loads_along(inputs: EffectInputs, drive: int) -> list[Array]:
     """What loads a drive (n,), over the largest: the payload, and the pull of its struts."""
-    pull_n = inputs.pull_n[:, drive] @ inputs.machine.nominal.axis[drive]
+    pull_n = inputs.pull_along_n(drive)
     return [x / np.abs(x).max() for x in (inputs.payload_ratio, pull_n) if np.any(x)]
 
 

@@ -87,7 +87,7 @@ def _added_by_motions(inputs: EffectInputs, drive: int) -> Array | None:
 
 def _load_at_arrivals(inputs: EffectInputs, drive: int) -> Array:
     """What loads a drive at each arrival (k,), over the largest."""
-    pull_n = inputs.pull_n[:, drive] @ inputs.machine.nominal.axis[drive]
+    pull_n = inputs.pull_along_n(drive)
     load = np.zeros(len(inputs.context.history.arrived_s))
     load[inputs.context.arrival] = pull_n / max(float(np.abs(pull_n).max()), 1e-300)
     return load

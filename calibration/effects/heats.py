@@ -7,7 +7,8 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.effects.api import EffectInputs, geometric_series, varies
 
-HEAT_TIME_CONSTANTS_S = geometric_series(250.0, 7000.0, 6)[1::2]
+TIME_CONSTANTS_S = geometric_series(250.0, 7000.0, 6)  # of parts that take up heat
+HEAT_TIME_CONSTANTS_S = TIME_CONSTANTS_S[1::2]
 DUTY_M_PER_S = 0.01
 MOTION_TIMES_S = geometric_series(90.0, 4000.0, 3)  # of joints and bearings up to whole columns
 SPEED_M_PER_S, BETWEEN_MOTIONS_S = 0.5, 30.0  # of a typical motion, and between two

@@ -6,7 +6,13 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis, scale_to_symmetric, tensor_product
+from calibration.effects.basis_functions import (
+    any_course,
+    cosine_basis,
+    random_walk_basis,
+    scale_to_symmetric,
+    tensor_product,
+)
 from calibration.effects.context import ReadingContext
 from calibration.effects.onsets import ONSET, untested_in_short_campaign
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
@@ -62,8 +68,8 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
     across, height = scale_to_symmetric(p[:, 0]), scale_to_symmetric(p[:, 2])
     warming = 1.0 - np.exp(-t / 2400.0)
     one = np.ones(len(t))
-    any_time = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
-    finely = random_walk_basis(t / max(float(t.max()), 1.0), FINE_TERMS)
+    any_time = np.column_stack([one, any_course(t, WALK_TERMS)])
+    finely = any_course(t, FINE_TERMS)
     temperatures = inputs.context.relative_changes(inputs.context.temperatures_c, (0.0,))
     angle_per_gradient = 0.5 * PER_KELVIN
     for channel, towards_warm in TOWARDS_WARM.items():
@@ -138,7 +144,7 @@ def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
     if numbers.size:
         put_back = shift((context.exchanges[:, None] == numbers).astype(np.float64), "exchanges")
         sets.add_set(put_back, weight=ONSETS / 2)
-    sets.add_set(shift(random_walk_basis(t / max(end, 1.0), 48)), (), weight=ONSETS / 2, **strongest_onset(onsets))
+    sets.add_set(shift(any_course(t, 48)), (), weight=ONSETS / 2, **strongest_onset(onsets))
     return sets
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
+from calibration.effects.basis_functions import any_course, cosine_basis, tensor_product
 from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
 
@@ -88,7 +88,7 @@ def _add_changing_loads(sets: BasisSets, inputs: EffectInputs, mounted: Array) -
     for loads in (age, mounted[:, None] * age):
         changing = sets.add(("payload.mass", loads))
         sets.add_set(changing, _by_strut(sets, inputs, changing), weight=CHANGING_WEIGHT)
-    finely = random_walk_basis(inputs.context.elapsed_s / max(float(inputs.context.elapsed_s.max()), 1.0), FINE_TERMS)
+    finely = any_course(inputs.context.elapsed_s, FINE_TERMS)
     slid = _moment_of_centre(inputs, mounted)[:, None] * finely
     if sliding := [c for channel in _of_centre(inputs) for c in sets.add((channel, slid))]:
         sets.add_set(sliding, _by_strut(sets, inputs, sliding[:1]), weight=FINE_WEIGHT)

@@ -57,7 +57,7 @@ def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
     sets.add_set(main, (*place, *resting[1]), share=0.3, sign=1.0)
     any_rest = sets.add((travel, side[:, None] * cosine_basis(np.log(inputs.context.dwell_s + 0.3), REST_TERMS)))
     sets.add_set(main, (*place, *any_rest), share=0.6, sign=1.0)
-    pull_n = inputs.pull_n[:, drive] @ inputs.machine.nominal.axis[drive]
+    pull_n = inputs.pull_along_n(drive)
     if varies(pull_n, PRESSED_LEAST * float(np.abs(pull_n).max())):  # where hardly any load is left it lies by the side
         flank = cosine_basis(pull_n, LOAD_TERMS, roughness=1.0)
         by_load = sets.add((travel, np.column_stack([0.5 * flank, side[:, None] * flank])))

@@ -7,7 +7,7 @@ from itertools import permutations
 import numpy as np
 
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis
+from calibration.effects.basis_functions import any_course, cosine_basis
 from calibration.effects.onsets import ONSET
 
 TABLE_TERMS = 3  # of any function of another drive's coordinate
@@ -36,7 +36,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
     for generation in context.table_generations:
         t = context.elapsed_s
         corrections = context.table_corrections_m(generation, drives, context.drives)
-        at_times = np.column_stack([one, random_walk_basis(t / max(float(t.max()), 1.0), WALK_TERMS)])
+        at_times = np.column_stack([one, any_course(t, WALK_TERMS)])
         sets.add_set(sets.add((f"table.{generation}", at_times)), weight=WALK_WEIGHT)
         in_each = [(f"travel.{n}", c) for n, c in zip(drives, corrections.T, strict=True) if np.any(c)]
         by_drive = len(drives) > 1 and bool(in_each)

@@ -17,15 +17,14 @@ from calibration.effects.api import (
     geometric_series,
 )
 from calibration.effects.basis_functions import (
+    any_course,
     cosine_basis,
     curve_over,
-    random_walk_basis,
     rises_of_curve,
     scale_to_symmetric,
 )
-from calibration.effects.heats import DUTY_M_PER_S, heats_of_drive, heats_of_motion
+from calibration.effects.heats import DUTY_M_PER_S, TIME_CONSTANTS_S, heats_of_drive, heats_of_motion
 
-TIME_CONSTANTS_S = geometric_series(250.0, 7000.0, 6)
 LAG_TIME_CONSTANTS_S = geometric_series(400.0, 5000.0, 4)
 COLUMN_WIDTH_M = 0.4
 PRETENSION_SHARES = (
@@ -126,7 +125,7 @@ def _add_thermal_sets(
         sets.add_set(pulse, rest, share=0.1, weight=0.5, tau_s=tau)
     for lag, (_, tau) in zip(lagging, lags, strict=True):
         sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
-    finely = random_walk_basis(t / max(float(t.max()), 1.0), FINE_TERMS)
+    finely = any_course(t, FINE_TERMS)
     sets.add_set(through(finely), weight=FINE_WEIGHT)  # something beside it that goes on and off
     course = through(curve_over(inputs.context.elapsed_s))
     sets.add_set(course, weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=float(np.median(TIME_CONSTANTS_S)))
@@ -155,7 +154,7 @@ def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
     _add_thermal_sets(sets, ((channel, grown),), inputs, "struts", motions=motions)
     if "t_s" not in inputs.context.not_said:
         t = inputs.context.elapsed_s
-        finest = random_walk_basis(t / max(float(t.max()), 1.0), FINEST_TERMS)
+        finest = any_course(t, FINEST_TERMS)
         sets.add_set(sets.add((channel, grown[:, None] * finest)), weight=FINE_WEIGHT)
         for tau_s in HEIGHT_TIMES_S:  # air is warmer above, and a strut follows that where its drives have carried it
             hung = [scale_to_symmetric(inputs.context.lagging(q, tau_s)) for q in inputs.context.drives.T]

@@ -227,10 +227,8 @@ class Store:
             return RecordingFile.model_validate(self._campaign(connection, campaign).description)
 
     def recording(self, campaign: str, *, phase: str | None = None) -> Recording:
-        """All readings of a campaign, or those of one phase, which takes a fraction of the time.
-
-        Raises InputError if it is unknown or has none, StoreError if one that is read is damaged.
-        """
+        """All readings of a campaign, or of one phase, which takes a fraction of the time; InputError if it is unknown
+        or has none, StoreError if one that is read is damaged."""
         query = sa.select(readings).where(readings.c.campaign == campaign).order_by(readings.c.sequence)
         if phase is not None:
             # Rows that are not chained may be in another form of JSON.

@@ -22,8 +22,9 @@ from calibration.effects.catalogue import load_catalogue
 from calibration.effects.columns import Contributions
 from calibration.effects.context import context_of_recording
 from calibration.effects.control import DWELL_TIMES_S
+from calibration.effects.heats import TIME_CONSTANTS_S
 from calibration.effects.structure import SOFT_N
-from calibration.effects.thermal import LAG_TIME_CONSTANTS_S, TIME_CONSTANTS_S
+from calibration.effects.thermal import LAG_TIME_CONSTANTS_S
 from calibration.recording.header import DRIFT_LEVER_M
 from mock_devices.effects import EffectChoice
 from mock_devices.effects.base import Effect as PlantEffect

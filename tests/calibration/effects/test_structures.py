@@ -319,7 +319,7 @@ def link_stiffness__loosened(inputs):
 def link_thermal_growth__switched(inputs):
     """An air conditioner that its thermostat switches blows on a strut: it cools within minutes and warms again."""
     t_s = inputs.context.elapsed_s
-    on = (np.sin(2.0 * np.pi * t_s / 700.0) > 0.3).astype(np.float64)
+    on = (np.sin(2.0 * np.pi * t_s / 400.0) > 0.3).astype(np.float64)
     return {"length.left_upper": inputs.context.lagging(on, 120.0)}
 
 

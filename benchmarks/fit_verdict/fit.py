@@ -1,7 +1,7 @@
 """The constants of the verdict that make the right answers most probable, from the evidence that diagnoses have kept.
 
 Of a recording the probabilities follow from the evidence of each effect, of the causes together, of departures and
-alternatives, and from seven constants (`calibration.diagnosis.verdict`): no recording is looked at again. Maximised
+alternatives, and from eight constants (`calibration.diagnosis.verdict`): no recording is looked at again. Maximised
 is the log score, each source with the same weight, with a log-normal prior about the release's constants; ranges are
 by Laplace's approximation. The two constants of the uncertainty of sizes are fitted likewise, apart from the others
 (`sizes`).
@@ -80,17 +80,17 @@ class Kept:
         explained = np.maximum(self.explained, 0.0)
         most = np.maximum(strongest, explained + self.excess)
         any_effect = expit(most - self.none_elsewhere - settings.none_prior_log_odds)
-        width = settings.excess_width + settings.excess_width_share * explained
         threshold = settings.excess_threshold + settings.excess_share * explained
         left_over = self.excess + settings.departure_share * self.departure_gain
-        exceeded = expit((left_over - threshold) / width)
-        tempered = logs / (1.0 + settings.temperature_share * np.maximum(strongest, 0.0))[:, None]
+        exceeded = expit(settings.excess_sharpness * (left_over / threshold - 1.0))
         by_causes = expit(np.maximum(strongest, explained) - self.none_elsewhere - settings.none_prior_log_odds)
         new_form = settings.new_form_share * exceeded * any_effect
         wanted = (1.0 - exceeded) * any_effect + new_form
         any_named = np.minimum(wanted, by_causes)
         unknown = exceeded * any_effect - new_form + np.minimum(new_form, wanted - any_named)
-        named = np.exp(tempered - logsumexp(tempered, axis=1, keepdims=True)) * any_named[:, None]
+        misleading = settings.misleading_probability
+        told = (1.0 - misleading) * _tempered(logs, settings.temperature_share)
+        named = (told + misleading * _tempered(logs, settings.misleading_temperature_share)) * any_named[:, None]
         return np.column_stack([named, np.maximum(1.0 - unknown - any_named, 0.0), unknown])
 
     def log_scores(self, settings: VerdictSettings) -> Array:
@@ -101,6 +101,13 @@ class Kept:
         """Cases (n,) whose most probable answer is right."""
         best = np.argmax(self.probabilities(settings), axis=1)
         return self.right[np.arange(len(self)), best]
+
+
+def _tempered(logs: Array, share: float) -> Array:
+    """Probabilities (n, e) of effects from log evidence (n, e), divided by a temperature that grows with the strongest
+    of each case."""
+    divided = logs / (1.0 + share * np.maximum(np.max(logs, axis=1, keepdims=True), 0.0))
+    return np.asarray(np.exp(divided - logsumexp(divided, axis=1, keepdims=True)))
 
 
 @dataclass(frozen=True)

@@ -59,10 +59,9 @@ class VerdictSettings:
     tuned."""
     excess_share: float = 0.025
     """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
-    excess_width: float = 4.0
-    """Excess over which the odds of `unknown` change by a factor e. Source: tuned to calibrated probabilities."""
-    excess_width_share: float = 0.008
-    """Increase of that width with the explained log evidence. Source: tuned to calibrated probabilities."""
+    excess_sharpness: float = 2.5
+    """Over how large a part of that threshold the odds of `unknown` change by a factor e: its inverse. Without any
+    excess they are those of an effect of no catalogue that a known one imitates. Source: fitted."""
     new_form_share: float = 0.1
     """Probability that what no form explains is a new form of a known effect, however large the excess. Source: tuned
     to calibrated probabilities."""
@@ -71,6 +70,11 @@ class VerdictSettings:
     temperature_share: float = 0.003
     """Increase, with the strongest log evidence, of the temperature that divides differences of log evidence, because
     no basis set is exact. Source: tuned to calibrated probabilities."""
+    misleading_probability: float = 0.15
+    """Probability that the effect acts in a way that none of its basis sets has, so that differences of log evidence
+    mislead. Source: fitted."""
+    misleading_temperature_share: float = 0.17
+    """Increase of the temperature in that case. Source: fitted."""
 
     # How far effects depart from their forms.
     smooth_departures: tuple[float, float] = (0.05, 0.15)
@@ -105,11 +109,11 @@ FITTED = (
     "none_prior_log_odds",
     "excess_threshold",
     "excess_share",
-    "excess_width",
-    "excess_width_share",
+    "excess_sharpness",
     "new_form_share",
     "departure_share",
-    "temperature_share",
+    "misleading_probability",
+    "misleading_temperature_share",
     "smooth_departures",
     "departures_by_visit",
     "u_of_form",

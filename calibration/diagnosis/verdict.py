@@ -2,7 +2,8 @@
 
 Evidence assumes that a basis set is exact, which no real part is, and the stronger the signal, the larger this model
 error. Differences of log evidence are therefore divided by a temperature that grows with the evidence, and the excess
-of non-parametric alternatives is compared with a share of it.
+of non-parametric alternatives is compared with a share of it. And sometimes an effect acts in a way that none of its
+basis sets has: then another may describe it far better, and what the differences are is of little weight.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy.special import expit
 
+from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import log_sum
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN, KeptEvidence
@@ -60,9 +62,8 @@ def verdict_probabilities(
     strongest = float(logs.max()) if logs.size else 0.0
     explained = max(explained, 0.0)
     any_effect = float(expit(max(strongest, explained + excess) - none_elsewhere - settings.none_prior_log_odds))
-    width = settings.excess_width + settings.excess_width_share * explained
-    left_over = excess + settings.departure_share * departure_gain
-    exceeded = float(expit((left_over - excess_threshold(explained, settings)) / width)) if logs.size else 1.0
+    left_over = (excess + settings.departure_share * departure_gain) / excess_threshold(explained, settings)
+    exceeded = float(expit(settings.excess_sharpness * (left_over - 1.0))) if logs.size else 1.0
     # What only an arbitrary function explains is no reason for an effect that explains nothing: its share is that of
     # `none` or, where it would have been for a new form of an effect, of `unknown`.
     by_causes = float(expit(max(strongest, explained) - none_elsewhere - settings.none_prior_log_odds))
@@ -70,15 +71,22 @@ def verdict_probabilities(
     wanted = (1.0 - exceeded) * any_effect + new_form
     any_named = min(wanted, by_causes) if logs.size else 0.0
     unknown = exceeded * any_effect - new_form + min(new_form, wanted - any_named)
-    tempered_logs = logs / temperature(strongest, settings)
-    tempered = np.exp(tempered_logs - log_sum(tempered_logs)) if logs.size else logs
-    out = {name: float(p) for name, p in zip(log_evidence, any_named * tempered, strict=True)}
+    of_each = _probabilities_of_effects(logs, settings) if logs.size else logs
+    out = {name: float(p) for name, p in zip(log_evidence, any_named * of_each, strict=True)}
     return out | {NONE: max(1.0 - unknown - any_named, 0.0), UNKNOWN: unknown}
 
 
-def temperature(log_evidence: float, settings: VerdictSettings = VERDICT) -> float:
-    """By what differences of log evidence are divided, since no basis set is exact."""
-    return 1.0 + settings.temperature_share * max(log_evidence, 0.0)
+def _probabilities_of_effects(logs: Array, settings: VerdictSettings) -> Array:
+    """Probability (e,) of each effect if it is one of them, from their log evidence (e,)."""
+    strongest = max(float(logs.max()), 0.0)
+
+    def tempered(share: float) -> Array:
+        divided = logs / (1.0 + share * strongest)
+        return np.asarray(np.exp(divided - log_sum(divided)))
+
+    misleading = settings.misleading_probability
+    told = (1.0 - misleading) * tempered(settings.temperature_share)
+    return told + misleading * tempered(settings.misleading_temperature_share)
 
 
 def presence_probability(cause: Cause, ranking: Mapping[str, float]) -> float:

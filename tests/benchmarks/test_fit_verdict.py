@@ -140,8 +140,8 @@ def test_of_a_size_are_kept_its_deviation_and_the_parts_of_its_uncertainty():
 
 
 def test_without_evidence_the_prior_alone_gives_the_range():
-    """A case that no constant can change: an effect far beyond any threshold."""
-    row = drawn(np.random.default_rng(5))
+    """A case that no constant can change: something far beyond any threshold, and both the effect and `unknown` are right."""
+    row = drawn(np.random.default_rng(5), right=("backlash", "unknown"))
     row["evidence"] = row["evidence"] | {
         "log_evidence": {"backlash": 500.0},
         "explained": 500.0,

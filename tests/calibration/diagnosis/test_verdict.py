@@ -31,7 +31,7 @@ def test_an_effect_needs_log_evidence_of_seven_to_be_likelier_than_none(log_evid
 def test_what_only_an_arbitrary_function_explains_names_no_effect():
     """Of odds of 10 against `none` by an alternative alone, an effect that explains nothing has its own exp(1 - 7)."""
     p = probabilities(found(Evidence("backlash", 1.0), explained=0.0, excess=7.0 + np.log(10.0)))
-    unknown = (10.0 / 11.0) / (1.0 + E ** ((12.0 - 7.0 - np.log(10.0)) / 4.0))
+    unknown = (10.0 / 11.0) / (1.0 + E ** (2.5 * (12.0 - 7.0 - np.log(10.0)) / 12.0))
     assert p[UNKNOWN] == pytest.approx(unknown)
     assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**6))
     assert sum(p.values()) == pytest.approx(1.0)
@@ -50,11 +50,18 @@ def test_unknown_is_half_as_likely_as_ever_at_twelve_and_a_fortieth_of_what_is_e
 
 
 @pytest.mark.parametrize(
-    ("explained", "threshold", "width", "most"), [(0.0, 12.0, 4.0, 1.0), (1000.0, 37.0, 12.0, 0.9)]
+    ("explained", "threshold", "most"), [(0.0, 12.0, 1.0), (1000.0, 37.0, 0.9)]
 )
-def test_the_odds_of_unknown_change_by_e_over_a_width_of_four_and_eight_per_mille(explained, threshold, width, most):
-    p = probabilities(found(Evidence("backlash", explained), excess=threshold + width))
+def test_the_odds_of_unknown_change_by_e_over_two_fifths_of_the_threshold(explained, threshold, most):
+    p = probabilities(found(Evidence("backlash", explained), excess=1.4 * threshold))
     assert p[UNKNOWN] / (most - p[UNKNOWN]) == pytest.approx(E, rel=3e-3)
+
+
+def test_without_any_excess_an_effect_of_no_catalogue_may_be_imitated():
+    """Odds of exp(2.5): less than one in ten is unknown, whatever is explained."""
+    for explained in (100.0, 1e5):
+        p = probabilities(found(Evidence("backlash", explained)))
+        assert p[UNKNOWN] == pytest.approx(0.9 / (1.0 + E**2.5))
 
 
 @pytest.mark.parametrize("side", [-0.1, 0.1])
@@ -70,10 +77,15 @@ def test_what_no_form_explains_is_a_new_form_of_an_effect_once_in_ten():
     assert p["backlash"] == pytest.approx(0.1)
 
 
-@pytest.mark.parametrize(("strongest", "temperature"), [(100.0, 1.3), (1000.0, 4.0)])
-def test_differences_are_divided_by_one_and_three_per_mille_of_the_strongest_evidence(strongest, temperature):
-    p = probabilities(found(Evidence("backlash", strongest), Evidence("latency", strongest - temperature)))
-    assert p["backlash"] / p["latency"] == pytest.approx(E)
+@pytest.mark.parametrize(("strongest", "told", "misleading"), [(100.0, 1.3, 18.0), (1000.0, 4.0, 171.0)])
+@pytest.mark.parametrize("difference", [1.0, 60.0])
+def test_differences_of_evidence_are_divided_by_a_temperature_and_mislead_in_fifteen_of_a_hundred(
+    strongest, told, misleading, difference
+):
+    """By one and three per mille of the strongest evidence; where they mislead, by one and 17 per cent of it."""
+    p = probabilities(found(Evidence("backlash", strongest), Evidence("latency", strongest - difference)))
+    second = 0.85 / (1.0 + E ** (difference / told)) + 0.15 / (1.0 + E ** (difference / misleading))
+    assert p["latency"] / (p["backlash"] + p["latency"]) == pytest.approx(second)
 
 
 def test_an_overwhelming_excess_leaves_nothing_for_none():

@@ -87,17 +87,17 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
     by_torque: list[tuple[str, Array]] = []
     if _torque_varies(inputs):
         force = _torque_at_rest(inputs, drive) * RATED_N
-        force = force - force.mean()
         weight = _weight_share(inputs, drive, force)
         by_torque = [("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)]
         levers.insert(0, by_torque[0])
     for form, wound in by_torque:
+        varying = wound - np.mean(wound)
         size = max(float(np.std(wound)), 1.0)
         main = sets.add((travel, -wound), form=form)
-        bent = sets.add((travel, np.stack([wound**2 / size, wound**3 / size**2], axis=1)), form=f"{form}_bent")
+        bent = sets.add((travel, np.stack([varying**2 / size, varying**3 / size**2], axis=1)), form=f"{form}_bent")
         sets.add_set(main)
         sets.add_set(main, bent, share=0.2)
-        any_way = sets.add((travel, -float(np.ptp(wound)) * curve_over(wound)))
+        any_way = sets.add((travel, -float(np.ptp(wound)) * _from_no_force(curve_over(wound), wound)))
         anywhere = sets.add((travel, -wound[:, None] * along))
         sets.add_set(any_way, anywhere, share=0.4, weight=ANY_FORCE_WEIGHT, size=rises_of_curve())
     faster = sets.add((travel, -FRICTION_SHARE * RATED_N * side * fast), form="viscous")
@@ -118,6 +118,12 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         for lever in (length, 1.0 - length):
             sets.add_set(sets.add((travel, -wound * lever), form=f"{form}_by_length"), faster, share=0.3)
     return sets
+
+
+def _from_no_force(curves: Array, force_n: Array) -> Array:
+    """Curves (n, k) whose trend over the force begins where there is none, as nothing is wound up there."""
+    straight = np.column_stack([np.ones_like(force_n), force_n])
+    return np.asarray(curves - np.linalg.lstsq(straight, curves, rcond=None)[0][0])
 
 
 def _weight_share(inputs: EffectInputs, drive: int, force_n: Array) -> Array:

@@ -51,6 +51,21 @@ def test_friction_is_told_from_play_by_the_load_where_no_torque_was_recorded(inp
     assert effect.untested(one_payload) == "the recording holds neither a varied torque nor a varied payload"
 
 
+@pytest.mark.parametrize("anyhow", [False, True])
+def test_a_weight_that_never_changes_winds_up_too(inputs, anyhow):
+    """Hooke's law counts from no torque: what is as its varying part has the constant one too, as curves or a line."""
+    torque = inputs.context.torque + 0.2
+    heavy = replace(inputs, context=replace(inputs.context, torque=torque))
+    built = load_catalogue().effect("friction_windup").forms(heavy, 0)
+    by_column = [dict(column)["travel.left"] for column in built.contributions]
+    wound = by_column[built.named.index("torque")]
+    any_curve = next(s.main for s in built.sets if s.size and not built.named[s.main[0]])
+    shapes = np.stack([by_column[k] for k in any_curve[1:]] if anyhow else [wound], axis=1)
+    coefficients = np.linalg.lstsq(shapes - shapes.mean(axis=0), wound - wound.mean(), rcond=None)[0]
+    assert float(np.mean(shapes @ coefficients)) == pytest.approx(float(wound.mean()), rel=0.1)
+    assert abs(wound.mean()) > 2.0 * wound.std()
+
+
 def test_a_warm_screw_that_is_held_below_lifts_its_slider_the_more_the_higher_it_stands(inputs):
     context, travel = inputs.context, inputs.machine.travel
     sensor = inputs.machine.sensors["drives"]

@@ -181,7 +181,7 @@ def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | Non
         else variance_shares(likelihood, truth_likelihood, field, acting, by_drive),
         gap=gap,
         not_tested=not_tested,
-        hidden_m=_detection_limit_m(likelihood_after, inputs, field.noise_m),
+        hidden_m=_detection_limit_m(likelihood_after, field.noise_m),
         inside_geometry=_inside_geometry(linear),
         clues=_clues(search_result) if verdict == UNKNOWN else (),
         next_measurement=(
@@ -258,10 +258,10 @@ def _add_non_parametric_alternatives(
     return likelihood_after
 
 
-def _detection_limit_m(likelihood_after: MarginalLikelihood, inputs: EffectInputs, noise_m: float) -> float:
+def _detection_limit_m(likelihood_after: MarginalLikelihood, noise_m: float) -> float:
     """Detection limit: largest RMS per coordinate of an independent platform shift per visit that 95 % still allow."""
     sizes = np.geomspace(0.02, 20.0, 40)
-    logs = log_evidence_at_platform(likelihood_after, inputs, sizes)
+    logs = log_evidence_at_platform(likelihood_after, sizes)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     below = np.cumsum(weights, axis=1) / np.sum(weights, axis=1, keepdims=True)
     return float(max(sizes[int(np.searchsorted(row, 0.95))] for row in below)) * noise_m

@@ -22,6 +22,7 @@ NOT_BY_VISIT_PREFIXES = ("light.", "station.", "floor.", "smr.")  # channels wit
 NEGLIGIBLE_RESPONSE = 1e-9  # sigma per unit of a channel
 DWELL_S = 6.0
 SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
+LEFT_SIGMA = (0.02, 20.0, 40)  # least and largest size, and how many between
 ASK_FOR = {  # the field of the context without which a coordinate is none
     "time": "t_s", "direction": "direction", "rest": "dwell_s", "direction and place": "direction",
     "time and place": "t_s",
@@ -68,7 +69,7 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
         for group in _channel_groups(inputs, likelihood.channels)
         if not group[0].startswith(NOT_BY_VISIT_PREFIXES)
     ]
-    machine_groups.sort(key=lambda group: -log_sum(_log_evidence_by_visit(likelihood, group[0], inputs, SIZES_SIGMA)))
+    machine_groups.sort(key=lambda group: -log_sum(_log_evidence_by_visit(likelihood, group[0], SIZES_SIGMA)))
     tried_groups = machine_groups[:CHANNELS_TRIED]
     by_visit = inputs.once("by visit", lambda: _visit_indicators(inputs))
     alternatives = [_non_parametric_evidence(likelihood, inputs, group, "visit", by_visit) for group in tried_groups]
@@ -84,9 +85,7 @@ def _visit_indicators(inputs: EffectInputs) -> Array:
     return (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64)
 
 
-def _log_evidence_by_visit(
-    likelihood: MarginalLikelihood, channel: str, inputs: EffectInputs, sizes_sigma: Array
-) -> Array:
+def _log_evidence_by_visit(likelihood: MarginalLikelihood, channel: str, sizes_sigma: Array) -> Array:
     """Log evidence (a,) of shifts per visit at a channel, approximated as independent, for each size (a,)."""
     information, score = likelihood.information_by_visit(channel)
     square = (sizes_sigma[:, None] * _channel_unit(likelihood, channel)) ** 2
@@ -94,10 +93,20 @@ def _log_evidence_by_visit(
     return np.asarray(np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1))
 
 
-def log_evidence_at_platform(likelihood: MarginalLikelihood, inputs: EffectInputs, sizes_sigma: Array) -> Array:
+def log_evidence_at_platform(likelihood: MarginalLikelihood, sizes_sigma: Array) -> Array:
     """Log evidence (c, a) of shifts per visit at each coordinate of the platform, for each size (a,)."""
     channels = likelihood.channels.pose_channels()
-    return np.array([_log_evidence_by_visit(likelihood, channel, inputs, sizes_sigma) for channel in channels])
+    return np.array([_log_evidence_by_visit(likelihood, channel, sizes_sigma) for channel in channels])
+
+
+def left_at_platform(likelihood: MarginalLikelihood) -> Array:
+    """Expected square (c,) of shifts per visit at each coordinate of the platform that the model does not have, in the
+    coordinate's units: as likely to be there as not, of any size."""
+    sizes_sigma = np.geomspace(*LEFT_SIGMA)
+    logs = log_evidence_at_platform(likelihood, sizes_sigma) - np.log(len(sizes_sigma))
+    there = np.exp(logs - np.logaddexp(log_sum(logs, axis=1), 0.0)[:, None])
+    units = [_channel_unit(likelihood, channel) for channel in likelihood.channels.pose_channels()]
+    return np.asarray(there @ sizes_sigma**2 * np.array(units) ** 2)
 
 
 def _channel_unit(likelihood: MarginalLikelihood, channel: str) -> float:

@@ -3,7 +3,8 @@
 With C^-1 = 1 - q q' of all readings, those of a block are predicted from all others without a new fit:
 e = (C^-1)_bb^-1 (C^-1 y)_b is the difference of the readings of block b from their prediction (Rasmussen and Williams
 2006, eq. 5.12, for blocks). The true error is estimated without noise: under the full model the noise-free readings
-have the mean y - C^-1 y and the covariance q q'.
+have the mean y - C^-1 y and the covariance q q'. What that model does not have is in neither error; from visit to visit
+it is seen in how far they scatter, and is added to both.
 """
 
 from __future__ import annotations
@@ -16,6 +17,7 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linearised_readings import LinearisedReadings
+from calibration.diagnosis.non_parametric import left_at_platform
 from calibration.diagnosis.result import GapFigures
 
 REGIONS = 5
@@ -31,13 +33,15 @@ class GapField:
     """Errors of what is read of the platform, in c lengths each (`gap_scale`), of readings (m), in m.
 
     rows (m,): readings of the linear model. before, after (m, c): estimated error of predictions, noise removed. spread
-    (m, c, b): factor of its covariance. noise_m: RMS of the readings' noise.
+    (m, c, b): factor of its covariance. left_m: RMS of what the model of the noise-free readings does not have either.
+    noise_m: RMS of the readings' noise.
     """
 
     rows: NDArray[np.intp]
     before: Array
     after: Array
     spread: Array
+    left_m: float
     noise_m: float
 
 
@@ -98,8 +102,20 @@ def gap_field(truth_likelihood: MarginalLikelihood, before: Array, after: Array)
         before=np.einsum("ncj,nj->nc", metres, before[rows]) - noise,
         after=np.einsum("ncj,nj->nc", metres, after[rows]) - noise,
         spread=spread,
+        left_m=_left_m(truth_likelihood),
         noise_m=noise_m,
     )
+
+
+def _left_m(truth_likelihood: MarginalLikelihood) -> float:
+    """RMS of shifts of the platform from visit to visit that the model does not have, as read."""
+    linear, scale = truth_likelihood.linear, truth_likelihood.linear.gap_scale
+    square = 0.0
+    channels = truth_likelihood.channels.pose_channels()
+    for channel, of_channel in zip(channels, left_at_platform(truth_likelihood), strict=True):
+        response = linear.joined(truth_likelihood.response(channel))[scale.rows]
+        square += float(of_channel * np.mean(np.einsum("ncj,nj->nc", scale.metres, response) ** 2))
+    return float(np.sqrt(square))
 
 
 def gap_figures(field: GapField) -> GapFigures:
@@ -110,8 +126,8 @@ def gap_figures(field: GapField) -> GapFigures:
     count = flat.shape[0]
     squares = np.sum(deviation**2, axis=0)
     before, after = field.before.ravel(), field.after.ravel()
-    before_squares = (before @ before + 2.0 * (before @ deviation) + squares) / count
-    after_squares = (after @ after + 2.0 * (after @ deviation) + squares) / count
+    before_squares = (before @ before + 2.0 * (before @ deviation) + squares) / count + field.left_m**2
+    after_squares = (after @ after + 2.0 * (after @ deviation) + squares) / count + field.left_m**2
     after_squares = after_squares * np.exp(2.0 * MODEL_ERROR_AFTER * rng.standard_normal(SAMPLES))
     before_squares = before_squares * np.exp(2.0 * MODEL_ERROR_BEFORE * rng.standard_normal(SAMPLES))
     shrink = 1.0 - np.sqrt(after_squares / before_squares)

@@ -11,8 +11,15 @@ from calibration.base.frame import station_frame
 from calibration.diagnosis import linearisation
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings import withheld_blocks
-from calibration.diagnosis.findings.withheld_blocks import GapField, gap_figures, regions, withheld_differences
+from calibration.diagnosis.findings.withheld_blocks import (
+    GapField,
+    gap_field,
+    gap_figures,
+    regions,
+    withheld_differences,
+)
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
+from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 
 
 def flat(columns):
@@ -84,7 +91,7 @@ def test_predictions_are_positions(small, likelihood):
 
 def some_field(rng: np.random.Generator, spread: float) -> GapField:
     before, after = 2e-5 * rng.standard_normal((80, 2)), 6e-6 * rng.standard_normal((80, 2))
-    return GapField(np.arange(80), before, after, spread * rng.standard_normal((80, 2, 12)), 8e-6)
+    return GapField(np.arange(80), before, after, spread * rng.standard_normal((80, 2, 12)), 0.0, 8e-6)
 
 
 @pytest.fixture
@@ -196,3 +203,29 @@ def test_the_noise_floor_is_the_scatter_at_a_target_that_is_visited_again(small)
     assert again.repeatability_m() == pytest.approx(np.sqrt(square / freedom), rel=1e-6)
     conditions = replace(context, payload_kg=np.where(small.visit >= 0, small.visit // (2 * (visits // 5)), 0.0))
     assert replace(again, context=conditions).repeatability_m() is None
+
+
+@pytest.mark.parametrize("scatter_m", [0.0, 4e-6, 1.2e-5])
+def test_what_scatters_from_visit_to_visit_and_is_in_no_model_counts_as_left(scatter_m):
+    """Drives that stop anyhow, as the same campaign without them shows; of none, less than a tenth of the noise."""
+    rng = np.random.default_rng(4)
+
+    def anyhow(arrivals: Arrivals) -> np.ndarray:
+        return scatter_m * rng.standard_normal(arrivals.drives.shape)
+
+    scattered, exact = simulated("planar4", 160, anyhow), simulated("planar4", 160)
+    likelihood = MarginalLikelihood.of(linearise_recording(scattered))
+    difference = withheld_differences(likelihood, regions(likelihood.linear))
+    field = gap_field(likelihood, difference, difference)
+    moved_m = (scattered.positions_m - exact.positions_m)[likelihood.linear.source_rows[field.rows]]
+    true_m = float(np.sqrt(np.mean(np.sum(moved_m**2, axis=1)) / field.before.shape[1]))
+    assert field.left_m == pytest.approx(true_m, rel=0.15, abs=0.1 * field.noise_m)
+
+
+@pytest.mark.usefixtures("exact")
+def test_what_is_left_is_left_before_and_after():
+    field = some_field(np.random.default_rng(3), 2e-6)
+    plain, more = gap_figures(field), gap_figures(replace(field, left_m=5e-6))
+    assert more.before_m == pytest.approx(np.hypot(plain.before_m, 5e-6))
+    assert more.after_m == pytest.approx(np.hypot(plain.after_m, 5e-6))
+    assert more.shrink == pytest.approx(1.0 - more.after_m / more.before_m, abs=0.02)

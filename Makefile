@@ -161,7 +161,7 @@ structures: $(VENV)/dev.stamp
 # (docs/explanation/verdict-constants.md): N cases (100) of each of three sources, half an hour for a hundred. GRID=1
 # diagnoses them at four more sizes of departures. Prints; changes nothing. Stopped, it goes on; a larger N adds cases.
 fit-verdict: $(VENV)/dev.stamp
-	$(BIN)/python -m benchmarks.fit_verdict.run $(if $(N),--n $(N)) $(if $(GRID),--grid) $(if $(DATA),--data $(DATA))
+	$(BIN)/python -m benchmarks.fit_verdict.run $(if $(N),--n $(N)) $(if $(GRID),--grid) $(if $(WRITE),--write) $(if $(DATA),--data $(DATA))
 
 # Programs beside one another on recordings whose cause is known (docs/how-to/enter-gapbench.md): ours, greedy BIC, a
 # classifier of scikit-learn that is trained first, and PROGRAM="NAME=COMMAND {folder}". SEED=1; N=10 cases of drawn

@@ -1,11 +1,12 @@
 """Fits the constants of the verdict crosswise (docs/explanation/verdict-constants.md).
 
-    python -m benchmarks.fit_verdict.run [--n 100] [--seed 101] [--grid] [--data FOLDER] [--out DIR]
+    python -m benchmarks.fit_verdict.run [--n 100] [--seed 101] [--grid] [--write] [--data FOLDER] [--out DIR]
 
 Diagnoses N cases of each source and keeps evidence and sizes; from these everything else follows at once. --grid
 diagnoses them again at half and twice each size of departures. Kept in runs/fit-verdict by case and code; stopped at
-any time, the same command goes on, and a larger N adds cases. Nothing is changed: the constants stand in
-`calibration/diagnosis/settings.py`.
+any time, the same command goes on, and a larger N adds cases. The release's constants stand in
+`calibration/diagnosis/settings.py` and are not changed; --write keeps those of the folds, by which the checks state
+their calibration too (`folds.json`).
 Exit status 0; 2 without the recordings of the other simulator; 130 if interrupted.
 """
 
@@ -21,6 +22,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.fit_verdict.fit import Fitted, Kept, fit
+from benchmarks.fit_verdict.folds import FILE, written
 from benchmarks.fit_verdict.sizes import KeptSizes, kept_size
 from benchmarks.fit_verdict.sources import PLANT, RECORDINGS, STRUCTURES, Case, plant, recordings, structures
 from benchmarks.fit_verdict.table import FOLDS, constant_lines, departure_lines, fold_lines, size_lines
@@ -29,7 +31,7 @@ from benchmarks.results_file import ROOT, code_digest
 from calibration.base.errors import InputError
 from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.settings import VERDICT
+from calibration.diagnosis.settings import VERDICT, VerdictSettings
 from tests.kept_results import KeptResults, key_of, until_stopped
 
 OUT = ROOT / "runs" / "fit-verdict"
@@ -50,7 +52,20 @@ def main(arguments: list[str] | None = None) -> int:
         print(f"fit-verdict: {error}", file=sys.stderr)
         return 2
     print("\n".join(report(by_point)))
+    if options.write:
+        FILE.write_text(written(constants_of_folds(by_point[POINTS[0]])), encoding="utf-8")
+        print(f"written: {FILE.relative_to(ROOT)}")
     return 0
+
+
+def constants_of_folds(rows: Rows) -> dict[str, VerdictSettings]:
+    """Of the folds that judge a source: the constants fitted to the others, by its name."""
+    kept = {name: Kept.of(given) for name, given in rows.items()}
+    return {
+        scored_on: fit([kept[name] for name in fitted_to]).settings
+        for _, fitted_to, scored_on in FOLDS
+        if scored_on is not None
+    }
 
 
 def report(by_point: dict[tuple[float, float], Rows]) -> list[str]:
@@ -118,6 +133,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--n", type=int, default=100, help="cases of each source")
     parser.add_argument("--seed", type=int, default=101, help="of the drawn cases")
     parser.add_argument("--grid", action="store_true", help="other sizes of departures too: five times as long")
+    parser.add_argument("--write", action="store_true", help="keep the constants of the folds (folds.json)")
     parser.add_argument("--data", type=Path, default=DATA, help="folder of the other simulator's archive")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of what is kept")
     options = parser.parse_args(arguments)

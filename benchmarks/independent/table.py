@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from benchmarks.fit_verdict.folds import WITHOUT_RECORDINGS, settings_without
 from benchmarks.independent.scorer import ONE_PLACE, SEVERAL_PLACES
 from benchmarks.scoring import goals
 from benchmarks.scoring.lines import effect_lines, measure_lines
@@ -20,6 +21,7 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
     small = [r for r in rows if r["kind"] == "effect" and not r["eligible"]]
     return [
         *goals.measures(rows),
+        *goals.crosswise(rows, settings_without(WITHOUT_RECORDINGS)),
         share("smaller single effects called another one", [called(r) and not right(r) for r in small]),
         *_details(visible),
         *_groups(visible),

@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.scoring.measure import Measure, held_to, mean, median, quantiles, share, share_between, worst
+from benchmarks.fit_verdict.folds import judged_by
+from benchmarks.scoring.measure import Measure, held_to, mean, median, plain, quantiles, share, share_between, worst
 from benchmarks.withheld.cases import DECLARED, RIGHT
 from benchmarks.withheld.score_rows import (
     Row,
@@ -23,9 +24,11 @@ from benchmarks.withheld.score_rows import (
     right,
     shrink_covered,
     shrink_off,
+    true_answer,
 )
-from benchmarks.withheld.scorer import NONE, UNKNOWN
+from benchmarks.withheld.scorer import LEAST_P, NONE, UNKNOWN
 from benchmarks.withheld.statistics import excess_calibration_error
+from calibration.diagnosis.settings import VerdictSettings
 
 ALIKE_SIGMA = 0.3  # an effect so near to the true one equals it
 MOST_CLASS = 1.4
@@ -124,6 +127,21 @@ def probabilities(rows: Sequence[Row]) -> list[Measure]:
             [overall_right(r) for r in rows if r["verdict"] == UNKNOWN and r["p"] > SURE],
         ),
         log_score([r["p_true"] for r in rows if "p_true" in r]),
+    ]
+
+
+def crosswise(rows: Sequence[Row], settings: VerdictSettings) -> list[Measure]:
+    """The same over the same cases by constants that were fitted without such cases."""
+    judged = judged_by(settings, [r for r in rows if r["verdict"] and answerable(r)])
+    hits = [overall_right(r) for r in judged]
+    excess, low, high = excess_calibration_error(np.array([r["p"] for r in judged]), np.array(hits, dtype=np.float64))
+    return [
+        share("by constants fitted without such cases: right", hits),
+        plain("  calibration error beyond chance by these", (excess if hits else None, low, high, len(hits))),
+        mean(
+            "  log score by these",
+            [-float(np.log(max(r["p_by_name"].get(true_answer(r), 0.0), LEAST_P))) for r in judged],
+        ),
     ]
 
 

@@ -126,6 +126,7 @@ def score_case(case: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
         "shrink_interval": diagnosis["gap"]["shrink_interval"],
         "gap": diagnosis["gap"],
         "first_kind": first_kind(diagnosis["where"]),
+        "evidence": diagnosis.get("evidence"),
     }
     if len(facts) == 1:
         row |= _details(facts[0], diagnosis)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
+from benchmarks.fit_verdict.folds import WITHOUT_PLANT, settings_without
 from benchmarks.scoring import goals
 from benchmarks.scoring.goals import ALIKE_SIGMA, class_size
 from benchmarks.scoring.measure import Measure, held_to, share
@@ -32,6 +33,7 @@ def measures(rows: Sequence[Row]) -> list[Measure]:
     visible = [r for r in rows if r["kind"] == "effect" and r["eligible"]]
     return [
         *goals.measures(rows),
+        *goals.crosswise(rows, settings_without(WITHOUT_PLANT)),
         *_singles(visible),
         *_platform([r for r in rows if r["kind"] == "platform_only" and r["eligible"]]),
         *_none_and_unknown(rows),

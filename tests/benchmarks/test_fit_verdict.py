@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.fit_verdict import run, sources, table
+from benchmarks.fit_verdict import folds, run, sources, table
 from benchmarks.fit_verdict.fit import BY_EVIDENCE, BY_SEARCH, BY_SIZE, LEAST_P, Kept, fit, settings_at
 from benchmarks.fit_verdict.sizes import TAILS, KeptSizes, kept_size
 from calibration.diagnosis import departure_evidence
@@ -140,7 +140,7 @@ def test_of_a_size_are_kept_its_deviation_and_the_parts_of_its_uncertainty():
 
 
 def test_without_evidence_the_prior_alone_gives_the_range():
-    """A case that no constant can change: something far beyond any threshold, and both the effect and `unknown` are right."""
+    """A case that no constant can change: something far beyond any threshold, whose every answer is right."""
     row = drawn(np.random.default_rng(5), right=("backlash", "unknown"))
     row["evidence"] = row["evidence"] | {
         "log_evidence": {"backlash": 500.0},
@@ -226,3 +226,37 @@ def test_the_report_has_all_folds_and_says_when_departures_were_not_tried():
 def test_without_the_recordings_the_status_is_two(tmp_path, capsys):
     assert run.main(["--data", str(tmp_path), "--out", str(tmp_path), "--n", "1"]) == 2
     assert "no recordings.tar.xz" in capsys.readouterr().err
+
+
+def test_constants_of_folds_are_written_and_read_to_four_digits():
+    constants = settings_at(np.random.default_rng(8).normal(0.0, 0.5, len(BY_EVIDENCE)))
+    text = folds.written({folds.WITHOUT_PLANT: constants, folds.WITHOUT_RECORDINGS: VERDICT})
+    assert folds.settings_without(folds.WITHOUT_RECORDINGS, text) == VERDICT
+    read = folds.settings_without(folds.WITHOUT_PLANT, text)
+    for name in BY_EVIDENCE:
+        assert getattr(read, name) == pytest.approx(getattr(constants, name), rel=1e-3)
+        assert getattr(read, name) != getattr(VERDICT, name)
+    assert read.u_of_form == VERDICT.u_of_form
+
+
+def test_the_kept_folds_are_whole():
+    for source in (folds.WITHOUT_PLANT, folds.WITHOUT_RECORDINGS):
+        assert all(getattr(folds.settings_without(source), name) > 0.0 for name in BY_EVIDENCE)
+
+
+def test_rows_are_judged_by_other_constants_as_the_diagnosis_would():
+    """One that never calls anything unknown against one that nearly always does; without evidence there is no row."""
+    rng = np.random.default_rng(9)
+    rows = [drawn(rng) | {"verdict": "none", "p": 1.0} for _ in range(30)]
+    rows.append({"verdict": "none", "p": 1.0, "evidence": None})
+    lax, strict = replace(VERDICT, excess_threshold=1e9), replace(VERDICT, excess_threshold=1e-9, excess_share=0.0)
+    for settings in (lax, strict):
+        judged = folds.judged_by(settings, rows)
+        assert len(judged) == 30
+        for row, given in zip(judged, rows, strict=False):
+            expected = stated_by(settings, given["evidence"])
+            assert row["p_by_name"] == expected
+            assert row["verdict"] == max(expected, key=expected.get)
+            assert row["p"] == max(expected.values())
+    assert not any(row["verdict"] == "unknown" for row in folds.judged_by(lax, rows))
+    assert sum(row["verdict"] == "unknown" for row in folds.judged_by(strict, rows)) > 20

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,6 +14,7 @@ from benchmarks.scoring.measure import mean, median, share, share_between, statu
 from benchmarks.structures.table import measures as of_structures
 from benchmarks.withheld.report import summary
 from benchmarks.withheld.statistics import wilson
+from calibration.diagnosis.settings import VERDICT
 
 GOALS = {  # as they were set
     "visible single effects named right": "at least 90 %",
@@ -91,6 +94,22 @@ def test_no_two_measures_have_one_name():
     for named in (summary([])["measures"], figures([])["measures"]):
         names = [m["name"].strip() for m in named]
         assert len(set(names)) == len(names)
+
+
+def test_the_same_cases_are_judged_by_constants_that_have_not_seen_them():
+    """Forty quiet cases, a quarter of which is called an effect by constants with hardly any prior for nothing."""
+    evidence = {"explained": 0.0, "excess": 0.0, "none_elsewhere": 0.0, "departure_gain": 0.0}
+    rows = [
+        {"kind": "null", "verdict": "none", "evidence": evidence | {"log_evidence": {"latency": 4.0 * (k % 4 == 0)}}}
+        for k in range(40)
+    ]
+    settings = replace(VERDICT, none_prior_log_odds=3.0)
+    by_name = {m.name.strip(): m for m in goals.crosswise([*rows, rows[0] | {"declared": "not"}], settings)}
+    assert all(m.goal == "" and m.n == 40 for m in by_name.values())
+    assert by_name["by constants fitted without such cases: right"].value == pytest.approx(0.75)
+    p_none = np.array([1.0 - 1.0 / (1.0 + np.exp(3.0 - e)) for e in (4.0, 0.0, 0.0, 0.0)])
+    assert by_name["log score by these"].value == pytest.approx(-np.mean(np.log(p_none)), rel=1e-6)
+    assert goals.crosswise([], settings)[0].value is None
 
 
 def test_the_worst_effect_is_that_of_25_cases_or_more():

@@ -60,14 +60,18 @@ class Kept:
         """Of rows with `evidence` and `right`."""
         names = tuple(dict.fromkeys(name for row in rows for name in row["evidence"]["log_evidence"]))
         evidence = [row["evidence"] for row in rows]
+
+        def each(key: str) -> Array:
+            return np.array([e[key] for e in evidence], dtype=np.float64)
+
         return cls(
-            names,
-            np.array([[e["log_evidence"].get(name, -np.inf) for name in names] for e in evidence]),
-            *(
-                np.array([e[key] for e in evidence])
-                for key in ("explained", "excess", "none_elsewhere", "departure_gain")
-            ),
-            np.array([[name in row["right"] for name in (*names, NONE, UNKNOWN)] for row in rows]),
+            names=names,
+            log_evidence=np.array([[e["log_evidence"].get(name, -np.inf) for name in names] for e in evidence]),
+            explained=each("explained"),
+            excess=each("excess"),
+            none_elsewhere=each("none_elsewhere"),
+            departure_gain=each("departure_gain"),
+            right=np.array([[name in row["right"] for name in (*names, NONE, UNKNOWN)] for row in rows]),
         )
 
     def __len__(self) -> int:

@@ -32,8 +32,9 @@ def written(by_source: Mapping[str, VerdictSettings]) -> str:
 
 def settings_without(source: str, text: str | None = None) -> VerdictSettings:
     """The release's settings with the constants that were fitted without a source's cases."""
-    constants = json.loads(FILE.read_text(encoding="utf-8") if text is None else text)[source]
-    return replace(VERDICT, **{name: float(constants[name]) for name in BY_EVIDENCE})
+    kept = json.loads(FILE.read_text(encoding="utf-8") if text is None else text)[source]
+    constants: dict[str, Any] = {name: float(kept[name]) for name in BY_EVIDENCE}
+    return replace(VERDICT, **constants)
 
 
 def judged_by(settings: VerdictSettings, rows: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:

@@ -49,9 +49,7 @@ def test_unknown_is_half_as_likely_as_ever_at_twelve_and_a_fortieth_of_what_is_e
     assert (p[UNKNOWN] > 0.5 * most) is (side > 0.0)
 
 
-@pytest.mark.parametrize(
-    ("explained", "threshold", "most"), [(0.0, 12.0, 1.0), (1000.0, 37.0, 0.9)]
-)
+@pytest.mark.parametrize(("explained", "threshold", "most"), [(0.0, 12.0, 1.0), (1000.0, 37.0, 0.9)])
 def test_the_odds_of_unknown_change_by_e_over_two_fifths_of_the_threshold(explained, threshold, most):
     p = probabilities(found(Evidence("backlash", explained), excess=1.4 * threshold))
     assert p[UNKNOWN] / (most - p[UNKNOWN]) == pytest.approx(E, rel=3e-3)

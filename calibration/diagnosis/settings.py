@@ -35,11 +35,11 @@ class VerdictSettings:
     """The same through a channel through which a cause acts already. Source: tuned."""
     leaders: int = 4
     """Of the ranking, with how many the search begins where one cause is not enough. Source: computing time."""
-    leaders_share: float = 0.4
+    leaders_share: float = 0.5
     """Of what is explained, what such an effect must explain alone. Source: computing time."""
     residual_search_threshold: float = 4.0
     """Log evidence of the best non-parametric alternative below which the search ends. Source: tuned."""
-    refined_share: float = 0.25
+    refined_share: float = 0.4
     """Departures of an effect, and further places, are looked for above this share of the strongest effect's log
     evidence: one that is at several places may have so little at the first. Where a law of struts leads, other laws are
     above the detection threshold. Source: computing time."""

@@ -24,6 +24,7 @@ from mock_devices.effects import (
     outside_contacts,
     outside_final,
     outside_further,
+    outside_memories,
     outside_motions,
     outside_parts,
     outside_published,
@@ -68,6 +69,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_station,
         outside_bearings_hoses,
         outside_contacts,
+        outside_memories,
         outside_final,
         ordinary_disturbances,
     )

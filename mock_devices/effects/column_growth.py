@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState
+from mock_devices.effects.followers import PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S
 from mock_devices.effects.warming import AIR, Warming, ahead_of_front, cycled, lag_behind, soaked, warm_up
@@ -18,6 +19,10 @@ THIN_WALL = 0.15  # time constant of a column's thin wall over that of its thick
 WET_BEGINS_S, WET_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of coolant on a column
 WAVE_M, HALF_WAVES = (0.6, 1.2), 2.0  # depth in which a wave of heat falls by e; its period over tau_s
 THROTTLED_M_PER_S = 0.5  # of the other drive, whose oil then has the pressure that gives the size
+HATCH, PLUME_M = (
+    (-0.4, 0.1),
+    0.3,
+)  # of a hatch: where, over half the travel; of its plume: how far above its source it begins
 DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 
@@ -44,6 +49,10 @@ class ColumnGrowth(Warming):
     the pressure that it lost there, which goes with the square of the speed: J. F. Blackburn, G. Reethof, J. L.
     Shearer, "Fluid Power Control" (1960). The size is where it ends if that drive runs at THROTTLED_M_PER_S with rests
     in between, at DUTY_M_PER_S on average.
+    `draughty_hatch`: a hatch in the column is open while its carriage stands above it, and a warm draught rises in the
+    column from there, its warmth falling with the power 5/3 of the height as in a plume: B. R. Morton, G. I. Taylor, J.
+    S. Turner, "Turbulent Gravitational Convection from Maintained and Instantaneous Sources" (1956). The size is where
+    it ends right above the hatch if that stays open, which it nears with tau_s; else it cools.
     """
 
     sensor = "columns"
@@ -63,11 +72,16 @@ class ColumnGrowth(Warming):
         self._oil = LegMemory(lambda way, speed, _: per_m * np.abs(way) * speed**2, tau)
         fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
         self._heat = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), *fades_s)
+        middle, half = self.site.drive_range_m(self.place)
+        self.hatch_m = middle + half * float(self.rng.uniform(*HATCH))
+        self._draught = PlaceMemory(lambda q_m: (q_m > self.hatch_m).astype(np.float64), tau)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the carriage warm its rail, or the next one the oil."""
         if self.variant == "neighbours_oil" and drive == self.next:
             self._oil.record(leg)
+        if self.variant == "draughty_hatch" and drive == self.place:
+            self._draught.record(leg)
         if self.variant == "rail_heat" and drive == self.place:
             self._heat.record(leg)
 
@@ -91,6 +105,21 @@ class ColumnGrowth(Warming):
         turn = 2.0 * np.pi * elapsed_s / (HALF_WAVES * self.values["tau_s"])
         falls = (1.0 + 1.0j) / self.wave_m
         return np.asarray((np.exp(1j * turn) * -np.expm1(-falls * height_m) / falls).imag)
+
+    def _in_plume_m(self, q_m: Array) -> Array:
+        """Warmth from the hatch up to the carriage (n,) over that right above the hatch, in metres."""
+        above = np.maximum(q_m - self.hatch_m, 0.0) / PLUME_M
+        return np.asarray(1.5 * PLUME_M * (1.0 - (1.0 + above) ** (-2.0 / 3.0)))
+
+    def _warm_m(self, state: MotionState, height_m: Array) -> Array:
+        """Warmth from the foot to a height (n,) over the size, in metres."""
+        if self.variant == "drying":
+            return -self._chilled(self.elapsed_s(state)) * height_m
+        if self.variant == "neighbours_oil":
+            return self._oil.at(state, self.next)[:, 0] * height_m
+        if self.variant == "heat_wave":
+            return self._waved_m(self.elapsed_s(state), height_m)
+        return self._draught.at(state, self.place) * self._in_plume_m(state.q_m[:, self.place])
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider with the column."""
@@ -131,13 +160,8 @@ class ColumnGrowth(Warming):
             deviation.travel_m[:, self.place] += alpha * self.size * warm_m
         elif self.variant == "fin":
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
-        elif self.variant == "drying":
-            deviation.travel_m[:, self.place] -= alpha * self.size * self._chilled(self.elapsed_s(state)) * height
-        elif self.variant == "neighbours_oil":
-            deviation.travel_m[:, self.place] += alpha * self.size * self._oil.at(state, self.next)[:, 0] * height
-        elif self.variant == "heat_wave":
-            waved_m = self._waved_m(self.elapsed_s(state), height)
-            deviation.travel_m[:, self.place] += alpha * self.size * waved_m
+        elif self.variant in ("drying", "neighbours_oil", "draughty_hatch", "heat_wave"):
+            deviation.travel_m[:, self.place] += alpha * self.size * self._warm_m(state, height)
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
             deviation.travel_m[:, self.place] += 0.5 * grown * height**2
         else:

@@ -19,6 +19,8 @@ HOUR_S = 3600.0
 DRAG_M = 0.12  # half of the play with which another axis drags a chain along
 RESTARTS = 32
 STEERS_S, DAMPED = (900.0, 1800.0), 0.05  # of a clock's loop: period, damping
+GIVES, SILK_S = 0.5, (5.0, 20.0)  # of a thread: what it gives way by in long rest of the other axis; time constant
+CROWDED_M_PER_S, FULL = (1.3, 2.0), 0.95  # of a bus: sum of all speeds that fills it; share that is not exceeded
 BEATS_S = (150.0, 500.0)  # in which one cycle runs past another
 LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
 OIL_K, ABSOLUTE_K = 10000.0, 273.15  # of an oil: viscosity is exp(OIL_K / T) at the absolute temperature T
@@ -52,6 +54,9 @@ class AxisCoupling(Effect):
     `oily_link`: a link full of viscous oil ties both axes and passes the more on the stiffer that is, by the
     exponential of E. N. da C. Andrade, "The Viscosity of Liquids" (1930), at the temperature of the drives. The ratio
     is that at the reference temperature.
+    `silk_after_effect`: a thread ties both axes, gives way under each pull while the other one rests, and is tight
+    again with its next motion: W. Weber, "Ueber die Elasticität der Seidenfäden" (1835). The ratio is that of a thread
+    that has not given way yet.
     """
 
     def setup(self) -> None:
@@ -59,6 +64,7 @@ class AxisCoupling(Effect):
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.other = (self.place + 1) % len(self.site.machine.sliders)
         self.lead_m = float(self.rng.choice(LEADS_M))
+        self.silk_s = float(self.rng.uniform(*SILK_S))
         self._chain = Dragged(DRAG_M, self.site.drive_range_m(self.other)[0])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -67,11 +73,13 @@ class AxisCoupling(Effect):
             self._chain.record(leg)
 
     def _passes(self, state: MotionState) -> Array:
-        """What a bridge, a link or a rope passes on (n,), over the ratio."""
+        """What a bridge, a link, a thread or a rope passes on (n,), over the ratio."""
         machine = self.site.machine
         if self.variant == "oily_link":
             now_k = ABSOLUTE_K + state.parts_c[machine.expansion["drives"].sensor]
             return np.asarray(np.exp(OIL_K / now_k - OIL_K / (ABSOLUTE_K + machine.reference_temperature_c)))
+        if self.variant == "silk_after_effect":
+            return np.asarray(1.0 + GIVES * np.expm1(-state.since_s[:, self.other] / self.silk_s))
         if self.variant == "shared_rope":
             return np.asarray(np.exp(WRAPS * state.direction[:, self.other]))
         return np.asarray(1.0 + state.payload_kg / machine.moving_mass_kg)
@@ -93,7 +101,7 @@ class AxisCoupling(Effect):
             y = 0.25 * np.sin(2.0 * np.pi * (state.q_m[:, b] - state.q_m[:, a]) / RESOLVER_M + self.phase)
         elif self.variant == "turn_of_other":
             y = 0.25 * np.sin(2.0 * np.pi * state.q_m[:, b] / self.lead_m + self.phase)
-        elif self.variant in ("loaded_bridge", "oily_link", "shared_rope"):
+        elif self.variant in ("loaded_bridge", "oily_link", "shared_rope", "silk_after_effect"):
             y = x * self._passes(state)
         elif self.variant == "dragged_chain":
             y = self._chain.at(state, b) - middle
@@ -142,6 +150,9 @@ class Latency(Effect):
     of the longer one.
     `group_delay`: a filter that is tuned to a vibration delays most what changes at one rate, here at one speed of the
     machine, and less above and below: E. A. Guillemin, "Communication Networks" (1935). The size is the longest delay.
+    `crowded_bus`: every drive sends messages as fast as it moves, and what asks for the station waits behind all of
+    them, with one over what is free of the bus: K. Tindell, A. Burns, A. J. Wellings, "Calculating Controller Area
+    Network (CAN) Message Response Times" (1995). The size is the delay of a free bus.
     """
 
     def setup(self) -> None:
@@ -153,6 +164,7 @@ class Latency(Effect):
         self.shorter = float(self.rng.uniform(*SHORTER))
         self.switches_m_per_s = float(self.rng.uniform(*SWITCHES_M_PER_S))
         self.resonates_m_per_s = float(self.rng.uniform(*RESONATES_M_PER_S))
+        self.crowded_m_per_s = float(self.rng.uniform(*CROWDED_M_PER_S))
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -172,11 +184,14 @@ class Latency(Effect):
             elif self.variant == "steered_clock":
                 share = self._left_of_step(t)
             return np.asarray(self.size * share)
-        if self.variant in ("adaptive_filter", "with_speed", "group_delay"):
+        if self.variant in ("adaptive_filter", "with_speed", "group_delay", "crowded_bus"):
             speed = np.abs(state.velocity_m_per_s).max(axis=1)
             share = speed / 0.25
             if self.variant == "adaptive_filter":
                 share = np.where(speed > self.switches_m_per_s, self.shorter, 1.0)
+            elif self.variant == "crowded_bus":
+                busy = np.abs(state.velocity_m_per_s).sum(axis=1) / self.crowded_m_per_s
+                share = 1.0 / (1.0 - np.minimum(busy, FULL))
             elif self.variant == "group_delay":
                 share = 1.0 / (1.0 + ((speed / self.resonates_m_per_s - 1.0) / BROAD) ** 2)
             return np.asarray(self.size * share)
@@ -215,10 +230,11 @@ EFFECTS = (
             "loaded_bridge",
             "shared_rope",
             "oily_link",
+            "silk_after_effect",
         ),
-        final="oily_link",
-        reveals="the other drive's coordinate or motion, by variant payload, direction, temperature, SMRs on the "
-        "sliders",
+        final="silk_after_effect",
+        reveals="the other drive's coordinate or motion, by variant payload, direction, dwell, temperature, SMRs on "
+        "the sliders",
         make=AxisCoupling,
     ),
     EffectSpec(
@@ -239,8 +255,9 @@ EFFECTS = (
             "beating_cycles",
             "adaptive_filter",
             "group_delay",
+            "crowded_bus",
         ),
-        final="group_delay",
+        final="crowded_bus",
         reveals="readings on the fly at several speeds, or short dwell",
         make=Latency,
     ),

@@ -25,6 +25,10 @@ READER_S, DUTY_M_PER_S = 900.0, 0.02  # of a reading head's holder: time constan
 SLIPS_M_PER_S, SLIPS = 0.2, 15.0  # a stop from this speed slips no coupling; sum of excesses for the size
 DAMP_S = (1500.0, 5000.0)  # of a scale that takes up moisture: slowest time constant
 JUMPS_S, JUMPS = 900.0, 3.0  # of a belt that jumps: mean time between two jumps; jumps to the size
+UP_K, BACK_K = (
+    (0.05, 0.25),
+    (0.1, 0.25),
+)  # of a reader that switches: above the begin; how much cooler back
 RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
 
@@ -59,6 +63,9 @@ class DriveScale(StatefulEffect):
     `jumping_belt`: from the onset on a worn belt with fine teeth jumps by one of them at random moments, always
     downwards as the weight pulls: events that are rare in S. D. Poisson, "Recherches sur la probabilité des jugements"
     (1837). The size is that of JUMPS.
+    `switching_range`: the reader switches its range as its drive grows warmer than one temperature, and back when it is
+    cooler than another, and with the range its scale: relays in A. Visintin, "Differential Models of Hysteresis"
+    (1994). Both lie near the temperature of the campaign's begin.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -72,6 +79,8 @@ class DriveScale(StatefulEffect):
         self.sign = float(self.offsets[1])
         self.damp_s = float(self.rng.uniform(*DAMP_S))
         self.jumps_s = np.concatenate([[0.0], np.cumsum(self.rng.exponential(JUMPS_S, 60))])
+        self.up_k = float(self.rng.uniform(*UP_K))
+        self.back_k = self.up_k - float(self.rng.uniform(*BACK_K))
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         onset_s = self.site.start_s + self.values["onset_s"]
         self._slid = LegMemory(
@@ -107,18 +116,21 @@ class DriveScale(StatefulEffect):
         elif self.variant == "belt_creep":
             way = self.state_before(state, a) + np.abs(state.q_m[:, a] - state.from_m[:, a])
             y = -way / CREEP_WAY_M
-        elif self.variant == "lost_steps":
-            y = -self._lost.at(state, a)[:, 0] / STEPS
-        elif self.variant == "warm_reader":
-            y = self.sign * self._warmed.at(state, a)[:, 0]
-        elif self.variant == "slipping_coupling":
-            y = self._slid.at(state, a)[:, 0]
+        elif self.variant in ("lost_steps", "warm_reader", "slipping_coupling"):
+            memory, share = {
+                "lost_steps": (self._lost, -1.0 / STEPS),
+                "warm_reader": (self._warmed, self.sign),
+                "slipping_coupling": (self._slid, 1.0),
+            }[self.variant]
+            y = share * memory.at(state, a)[:, 0]
         elif self.variant == "jumping_belt":
             jumped = np.searchsorted(self.jumps_s, state.t_s - self.site.start_s - self.values["onset_s"], side="right")
             y = -jumped / JUMPS
         elif self.variant == "relaxing_tape":
             strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
             y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
+        elif self.variant == "switching_range":
+            y = self.sign * self._switched(state) * from_middle
         elif self.variant == "damp_scale":
             damp_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
             y = after * conducted(damp_s, self.damp_s) * (from_middle + 1.0) / 2.0
@@ -128,12 +140,25 @@ class DriveScale(StatefulEffect):
             y = self.sign * after
         deviation.travel_m[:, a] += self.size * y
 
+    def _since_begin_k(self, state: MotionState) -> tuple[Array, Array]:
+        """A grid of times, and by how much warmer the drives then are than at the campaign's begin."""
+        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
+        sensed_c = state.thermal.part_series_c(self.site.machine.expansion["drives"].sensor, grid)
+        return grid, sensed_c - sensed_c[0]
+
+    def _switched(self, state: MotionState) -> Array:
+        """Whether the reader has switched its range (n,): 1 or 0, and 0 at the campaign's begin."""
+        grid, warmer_k = self._since_begin_k(state)
+        switched, now = np.empty_like(grid), 0.0
+        for i, k in enumerate(warmer_k.tolist()):
+            now = 1.0 if k > self.up_k else 0.0 if k < self.back_k else now
+            switched[i] = now
+        at = np.searchsorted(grid, state.t_s, side="right") - 1
+        return np.asarray(switched[np.maximum(at, 0)])
+
     def _slipped(self, state: MotionState) -> Array:
         """Kelvin by which the scale has slipped since the campaign's begin (n,)."""
-        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
-        sensor = self.site.machine.expansion["drives"].sensor
-        warmer_k = state.thermal.part_series_c(sensor, grid)
-        warmer_k = warmer_k - warmer_k[0]
+        grid, warmer_k = self._since_begin_k(state)
         slipped, now = np.empty_like(grid), 0.0
         for i, k in enumerate(warmer_k.tolist()):
             now = min(max(now, k - SLIP_K), k + SLIP_K)
@@ -160,9 +185,11 @@ EFFECTS = (
             "damp_scale",
             "slipping_coupling",
             "jumping_belt",
+            "switching_range",
         ),
-        final="jumping_belt",
-        reveals="time or motions made, by variant their speed and direction, drive coordinate, SMRs on the sliders",
+        final="switching_range",
+        reveals="time or motions made, a temperature swing, by variant their speed and direction, drive coordinate, "
+        "SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),
     ),

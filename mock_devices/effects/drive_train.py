@@ -35,6 +35,11 @@ CHANGE_M, UNEQUAL = (
     (0.06, 0.12),
 )  # of change wheels: travel of a turn of one; by how much the other differs
 FRESH, ROUGHENS_M = 0.1, 100.0  # runout of a new bearing over the size; way of its drive after which it has the size
+BLOW_M, WAVES = (
+    (0.4, 0.7),
+    (4.0, 7.0),
+)  # of a blow on a tape: how far below the travel; waves that it left along that
+GEARED, PASSED_ON = (0.25, 0.6), 0.8  # turns of a shaft for one of the next screw; what it passes on, over one's own
 TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
 
@@ -61,6 +66,9 @@ class CumulativeError(Effect):
     Measurement" (1992).
     `beating_wheels`: two change wheels of nearly equal numbers of teeth, neither true, drove the screw's grinder, and
     their waves add up here and cancel there: E. Buckingham, "Analytical Mechanics of Gears" (1949).
+    `dispersed_blow`: a blow below its end has run along a tape while that was glued, long waves ahead of short ones,
+    and they have stayed: phase with one over the distance, height with its power -3/2, as in Lord Kelvin, "On the Waves
+    Produced by a Single Impulse in Water of Any Depth, or in a Dispersive Medium" (1887).
     """
 
     def setup(self) -> None:
@@ -96,6 +104,11 @@ class CumulativeError(Effect):
         beating = self._beating(fine)
         self.beating_level = np.polyfit(fine, beating, 1)
         self.beating_most = float(np.abs(beating - np.polyval(self.beating_level, fine)).max())
+        self.blow_m = middle - half - float(self.rng.uniform(*BLOW_M))
+        self.waves = float(self.rng.uniform(*WAVES))
+        blown = self._blown(fine)
+        self.blown_level = np.polyfit(fine, blown, 1)
+        self.blown_most = float(np.abs(blown - np.polyval(self.blown_level, fine)).max())
         self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
@@ -121,6 +134,14 @@ class CumulativeError(Effect):
         """What both change wheels have left (n,), over the error of one."""
         return np.asarray(np.sin(2.0 * np.pi * q_m[:, None] / self.change_m + self.change_phases).sum(axis=1))
 
+    def _blown(self, q_m: Array) -> Array:
+        """What a blow has left (n,), over its height at the travel's lower end."""
+        low, high = self.site.machine.sliders[self.place].travel_m
+        near_m, far_m = low - self.blow_m, high - self.blow_m
+        from_blow_m = np.maximum(q_m - self.blow_m, 0.5 * near_m)
+        turns = self.waves / (1.0 / near_m - 1.0 / far_m) / from_blow_m
+        return np.asarray((near_m / from_blow_m) ** 1.5 * np.cos(2.0 * np.pi * turns - 0.25 * np.pi))
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
         middle, half = self.site.drive_range_m(self.place)
@@ -142,12 +163,14 @@ class CumulativeError(Effect):
         elif self.variant == "sagging_tape":
             q = state.q_m[:, self.place]
             y = (self._along_tape(q) - np.polyval(self.tape_level, q)) / self.tape_most
-        elif self.variant == "copied_gear":
+        elif self.variant in ("copied_gear", "beating_wheels", "dispersed_blow"):
+            waves, level, most = {
+                "copied_gear": (self._copied, self.copied_level, self.copied_most),
+                "beating_wheels": (self._beating, self.beating_level, self.beating_most),
+                "dispersed_blow": (self._blown, self.blown_level, self.blown_most),
+            }[self.variant]
             q = state.q_m[:, self.place]
-            y = (self._copied(q) - np.polyval(self.copied_level, q)) / self.copied_most
-        elif self.variant == "beating_wheels":
-            q = state.q_m[:, self.place]
-            y = (self._beating(q) - np.polyval(self.beating_level, q)) / self.beating_most
+            y = (waves(q) - np.polyval(level, q)) / most
         elif self.variant == "stitched_fields":
             y = 2.0 * ((state.q_m[:, self.place] - self.field_at_m) / self.field_m % 1.0) - 1.0
         elif self.variant == "two_pieces":  # two scales butted together
@@ -182,6 +205,8 @@ class PeriodicError(Effect):
     `growing_runout`: the bearing that holds the screw wears on one side, by the way that it runs, and what was hardly
     an error grows with it: J. F. Archard, "Contact and Rubbing of Flat Surfaces" (1953). The size is that after
     ROUGHENS_M.
+    `geared_together`: a shaft that gears this screw to the next one is not true either, and adds an error by the sum of
+    what both have turned: R. Willis, "Principles of Mechanism" (1841). Both screws have the same lead.
     """
 
     def setup(self) -> None:
@@ -190,6 +215,7 @@ class PeriodicError(Effect):
         self._ways = LegMemory(ways_m)
         self.apart = float(self.rng.uniform(0.3, 0.7)) * np.pi  # phase between both flanks
         self.askew = float(self.rng.uniform(*ASKEW))
+        self.geared = float(self.rng.uniform(*GEARED))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the balls of this drive slip, or its bearing wear."""
@@ -203,6 +229,10 @@ class PeriodicError(Effect):
         y = np.sin(turn)
         if self.variant == "two_harmonics":
             y = 0.85 * y + 0.4 * np.sin(2.0 * turn + 1.0)
+        elif self.variant == "geared_together":
+            others_m = state.q_m[:, (self.place + 1) % len(self.site.machine.sliders)]
+            shaft = turn + 2.0 * np.pi * self.geared * others_m / self.values["period_m"] + self.apart
+            y = (1.0 - PASSED_ON) * y + PASSED_ON * np.sin(shaft)
         elif self.variant == "ball_orbit":
             y = 0.9 * y + 0.6 * np.sin(BALL_ORBIT * turn + 2.0)
         elif self.variant == "slipping_balls":
@@ -268,8 +298,9 @@ EFFECTS = (
             "copied_gear",
             "stitched_fields",
             "beating_wheels",
+            "dispersed_blow",
         ),
-        final="beating_wheels",
+        final="dispersed_blow",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -293,10 +324,11 @@ EFFECTS = (
             "torque_ripple",
             "twisted_phase",
             "growing_runout",
+            "geared_together",
         ),
-        final="growing_runout",
-        reveals="many drive positions off a grid, by variant direction, payload and distance moved, SMRs on the "
-        "sliders",
+        final="geared_together",
+        reveals="many drive positions off a grid, by variant direction, payload and distance moved, the other "
+        "drive's coordinate, SMRs on the sliders",
         make=PeriodicError,
         others=(EffectParameter("period_m", 4e-3, 1e-2, 4e-2, "lead of the screw"),),
     ),

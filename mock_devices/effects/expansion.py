@@ -16,6 +16,7 @@ FEET_K = (0.06, 0.2)  # by how much warmer a frame pushes its feet on
 TURNS_K, TURNS_BACK_K, TURNS_OVER_K = (0.05, 0.25), (0.1, 0.25), 0.1  # see `martensite`: above the begin; loop; width
 CURIE_K = (-0.1, 0.3)  # where an alloy loses its magnetism, above the temperature of the begin
 ALLOY_K = 2.0  # growth without a change of phase that is as large as the change
+FULL_PAYLOAD_KG = 400.0
 _GRID_S = 30.0
 
 
@@ -45,6 +46,9 @@ class ExpansionCoefficient(Effect):
     `curie_kink`: the struts' alloy is magnetic when it is cool and then grows as stated; above the temperature at which
     it loses its magnetism it grows more, by the size: R. M. Bozorth, "Ferromagnetism" (1951). The kink lies near the
     temperature of the campaign's begin.
+    `stressed_alloy`: the coefficient of the struts changes with the stress in them, here with the payload, and is as
+    stated without any: A. R. Rosenfield, B. L. Averbach, "Effect of Stress on the Expansion Coefficient" (1956). The
+    size is that with FULL_PAYLOAD_KG.
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -67,7 +71,7 @@ class ExpansionCoefficient(Effect):
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Grow the frame, the screws or both, or bend the columns."""
-        if self.variant in ("nickel_steel", "late_growth", "martensite", "curie_kink"):
+        if self.variant in ("nickel_steel", "late_growth", "martensite", "curie_kink", "stressed_alloy"):
             strain = self.size * self._struts_k(state)
             deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
             return
@@ -139,6 +143,8 @@ class ExpansionCoefficient(Effect):
             sensed_c = state.thermal.part_series_c(sensor, np.concatenate([[self.site.start_s], state.t_s]))
             return np.maximum(sensed_c[1:] - sensed_c[0] - self.kink_k, 0.0)
         warmer_k = self.warmth_k(state, "struts")
+        if self.variant == "stressed_alloy":
+            return warmer_k * state.payload_kg / FULL_PAYLOAD_KG
         return warmer_k * (1.0 + warmer_k / NICKEL_K)
 
     def _late_k(self, state: MotionState) -> Array:
@@ -202,9 +208,10 @@ EFFECTS = (
             "jumping_feet",
             "martensite",
             "curie_kink",
+            "stressed_alloy",
         ),
-        final="curie_kink",
-        reveals="recorded temperatures of the parts, SMRs on the sliders",
+        final="stressed_alloy",
+        reveals="recorded temperatures of the parts, by variant with the payload, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
 )

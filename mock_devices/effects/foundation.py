@@ -18,6 +18,8 @@ PUMPS = (2.0, 4.0)  # how long a well is pumped, over tau_s
 WELL = 8.0  # tau_s over the time in which a well is felt at the foot
 LOADINGS, HARDENS = 4.0, 0.4  # exchanges of payload after which the size is reached; exponent of their number
 FOLLOWS = 0.05  # time constant in which wet soil follows its load, over tau_s
+CYCLES_S, WATERED = (800.0, 1600.0), 0.3  # of sprinklers: cycle; share of it that they run
+SWELLS, DRIES = 0.1, 0.3  # time constants of clay that takes up water and loses it, over tau_s
 AT_ONCE = 0.5  # share of a bowl under the other foot that follows at once
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
@@ -53,6 +55,9 @@ class FoundationSettling(Effect):
     more of it while that one's carriage is low, presses a bowl in which this foot sinks too, partly at once and partly
     as water leaves the ground: R. D. Mindlin, "Force at a Point in the Interior of a Semi-Infinite Solid" (1936). The
     size is that of the next carriage if it stays at its lower end.
+    `watered_clay`: from the onset on sprinklers run in a fixed cycle, clay under the foot takes up their water and
+    swells, and dries between, more slowly, so that the foot rises and sinks: L. A. Richards, "Capillary Conduction of
+    Liquids Through Porous Mediums" (1931). The size is how far clay that is always wet would lift it.
     """
 
     def setup(self) -> None:
@@ -64,6 +69,7 @@ class FoundationSettling(Effect):
         self._pressed = PlaceMemory(lambda q_m: (high - q_m) / (high - low), FOLLOWS * self.values["tau_s"])
         self.next = (self.place + 1) % len(self.site.machine.sliders)
         self._bowl = PlaceMemory(self._weight_beside, FOLLOWS * self.values["tau_s"])
+        self.cycle_s = float(self.rng.uniform(*CYCLES_S))
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -85,7 +91,9 @@ class FoundationSettling(Effect):
         return np.asarray((high - q_m) / (high - low))
 
     def _by_load(self, state: MotionState, after_s: Array) -> Array:
-        """How far the foot has sunk (n,) by what has stood on it, over the size."""
+        """How far the foot has sunk (n,) by what has stood on it or wets it, over the size."""
+        if self.variant == "watered_clay":
+            return -self._swollen(after_s)
         if self.variant == "repeated_loads":
             return np.asarray((state.exchanges / LOADINGS) ** HARDENS)
         softened = 1.0 - np.exp(-after_s / self.values["tau_s"])
@@ -93,6 +101,17 @@ class FoundationSettling(Effect):
             at_once = self._weight_beside(state.q_m[:, self.next])
             return np.asarray(softened * (AT_ONCE * at_once + (1.0 - AT_ONCE) * self._bowl.at(state, self.next)))
         return np.asarray(softened * self._pressed.at(state, self.place))
+
+    def _swollen(self, after_s: Array) -> Array:
+        """How far clay has swollen some time after sprinklers were switched on (n,), over what it would end at."""
+        swells_s, dries_s = (share * self.values["tau_s"] for share in (SWELLS, DRIES))
+        wet_s = WATERED * self.cycle_s
+        cycles, at_s = np.floor(after_s / self.cycle_s), after_s % self.cycle_s
+        dried = np.exp(-(self.cycle_s - wet_s) / dries_s)  # what one cycle leaves of what has swollen in it
+        kept = np.exp(-wet_s / swells_s) * dried  # and of what was before
+        begins = (dried - kept) * (1.0 - kept**cycles) / (1.0 - kept)
+        wet = 1.0 + (begins - 1.0) * np.exp(-np.minimum(at_s, wet_s) / swells_s)
+        return np.asarray(wet * np.exp(-np.maximum(at_s - wet_s, 0.0) / dries_s))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lower and lean the column."""
@@ -118,7 +137,7 @@ class FoundationSettling(Effect):
             share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
         elif self.variant == "pumped_well":
             share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
-        elif self.variant in ("repeated_loads", "follows_weight", "neighbours_bowl"):
+        elif self.variant in ("repeated_loads", "follows_weight", "neighbours_bowl", "watered_clay"):
             share = self._by_load(state, after)
         elif self.variant == "curling_slab":
             begins_s = self.site.start_s + self.values["onset_s"]
@@ -163,8 +182,9 @@ EFFECTS = (
             "repeated_loads",
             "follows_weight",
             "neighbours_bowl",
+            "watered_clay",
         ),
-        final="neighbours_bowl",
+        final="watered_clay",
         reveals="time, motions or exchanges of payload made, by variant places, also of the other drive, a "
         "temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,

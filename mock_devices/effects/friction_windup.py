@@ -9,7 +9,7 @@ import numpy as np
 from mock_devices.effects.base import GRAVITY_M_PER_S2, Array, Deviation, EffectParameter, EffectSpec, Leg, MotionState
 from mock_devices.effects.leg_memory import LegMemory, ways_m
 from mock_devices.effects.reversal import TAU, Play, above_reference_k
-from mock_devices.effects.strut_ways import way_of_strut
+from mock_devices.effects.strut_ways import beside_m, way_of_strut
 
 FULL_PAYLOAD_KG = 400.0
 LEAD_ANGLE_RAD = math.radians(5.0)
@@ -19,6 +19,7 @@ VOGEL_K, VOGEL_C = 1000.0, -95.0  # of an oil for gears, at 20 degrees
 LIPS, LIPS_DOWN = 0.35, 0.45  # friction of seals: share that no speed changes; downwards over upwards
 LASTS, RUNS_IN_M = 0.25, 40.0  # friction of a screw that is run in over that of a new one; way in which it falls by e
 TIGHT, FREE = 0.3, 0.15  # of a bent guide: half the stretch that binds over half the travel; friction outside it
+SQUARE, JAMS_M = 0.2, (0.6, 1.0)  # of a drawer: friction while it is square, over the size; how far askew it has that
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
@@ -48,6 +49,9 @@ class FrictionWindup(Play):
     `tight_stretch`: a guide that is bent binds within one stretch of the travel, with edges, and is nearly free outside
     it: bearings out of line in F. T. Barwell, "Bearing Systems: Principles and Practice" (1979). `friction_n` is that
     within the stretch.
+    `jammed_drawer`: the next carriage pulls the frame askew by how far it stands above or below this one, and this
+    guide jams like a drawer, whose own friction presses it, with one over what is left to self-locking: G. Niemann,
+    "Maschinenelemente" (1950). `friction_n` is that of the farthest apart, from where on stops hold the frame.
     """
 
     def setup(self) -> None:
@@ -57,6 +61,7 @@ class FrictionWindup(Play):
         middle, half = self.site.drive_range_m(self.place)
         self.binds_m = middle + half * float(self.rng.uniform(-0.4, 0.4))
         self._run = LegMemory(ways_m)
+        self.jams_m = float(self.rng.uniform(*JAMS_M))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the grease remember, too."""
@@ -112,16 +117,23 @@ class FrictionWindup(Play):
         elif self.variant == "tight_stretch":
             _, half = self.site.drive_range_m(a)
             friction = friction * np.where(np.abs(state.q_m[:, a] - self.binds_m) < TIGHT * half, 1.0, FREE)
-        elif self.variant == "guide_pressed":
-            own_kg = self.site.machine.moving_mass_kg
-            pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
-            friction = friction * (UNPRESSED + (1.0 - UNPRESSED) * pressed)
+        elif self.variant in ("guide_pressed", "jammed_drawer"):
+            friction = friction * self._pressed(state)
         elif self.variant == "palmgren":
             viscous = (state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S) ** (2.0 / 3.0)
             friction = friction * (0.6 * viscous + 0.4 + 0.6 * state.payload_kg / FULL_PAYLOAD_KG)
         elif self.variant == "position_friction":
             friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
         return np.asarray(friction)
+
+    def _pressed(self, state: MotionState) -> Array:
+        """Friction of a guide (n,) by what presses it: the struts, or a frame askew; over the size."""
+        if self.variant == "jammed_drawer":
+            askew = np.minimum(np.abs(beside_m(self.site, state, self.place)) / self.jams_m, 1.0)
+            return np.asarray(SQUARE / (1.0 - (1.0 - SQUARE) * askew))
+        own_kg = self.site.machine.moving_mass_kg
+        pressed = self._across(state.q_m) * (own_kg + state.payload_kg) / own_kg
+        return np.asarray(UNPRESSED + (1.0 - UNPRESSED) * pressed)
 
     def _across(self, q_m: Array) -> Array:
         """Force of the drive's struts across its guide (n,) over that in the middle of all travels."""
@@ -163,8 +175,9 @@ EFFECTS = (
             "seal_lips",
             "running_in",
             "tight_stretch",
+            "jammed_drawer",
         ),
-        final="tight_stretch",
+        final="jammed_drawer",
         reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, earlier motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,

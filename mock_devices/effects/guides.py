@@ -18,6 +18,8 @@ from mock_devices.effects.base import (
 )
 from mock_devices.effects.bolted_rail import BoltedRail
 from mock_devices.effects.leg_memory import LegMemory, ways_m
+from mock_devices.effects.reversal import above_reference_k
+from mock_devices.effects.strut_ways import beside_m
 
 FULL_PAYLOAD_KG = 400.0
 RAIL_PER_M = 12.0
@@ -33,8 +35,15 @@ ROLLERS_M, UNLIKE = (0.025, 0.045), (0.03, 0.1)  # of a carriage: diameter of it
 RACKS, BOWS = 0.7, 0.8  # of a racked frame: lean and bow of a guide at the other carriage's upper end, over the size
 WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of its rail over the size; speed that gives
 # the size; time in which its film is pressed out to 1 / sqrt(2)
-BY_MOTION = ("gib_play", "off_centre_drive", "racked_frame", "tilting_pad")
+BY_MOTION = ("gib_play", "off_centre_drive", "racked_frame", "tilting_pad", "carriage_abreast", "warm_gap")
 BY_RAIL = ("bolt_dips", "moving_load", "two_blocks_one_dent", "unloaded_block", "unround_rollers")
+ABREAST_M = (0.12, 0.22)  # in which the push of a carriage that is abreast falls by e
+TIGHT, OPENS_K, GAP_K = (
+    0.25,
+    (-0.4, 0.4),
+    1.0,
+)  # of warm blocks: waves while they are pressed, over the size; where above
+# the reference they open; by how much warmer they follow the waves by the size more
 OVAL = 0.4  # error of a roller twice a turn, over that once a turn
 DENT_M, DENTS = 0.045, 1.8  # of a dent in a rail: half width; depth under one block, over the size
 UNLOADS_KG, TIPS, LEANS = (60.0, 180.0), 3.0, 1.0  # payload that unloads a block; what then adds to waves and lean
@@ -85,6 +94,11 @@ class _Guide(Effect):
     `tilting_pad`: the pad under the carriage rides up on its oil at the edge that leads, with the root of the speed,
     and turns the carriage by the direction of its motion, until the film is pressed out at rest: A. G. M. Michell, "The
     Lubrication of Plane Surfaces" (1905). The size is that when a motion at PAD_M_PER_S stops.
+    `carriage_abreast`: the next carriage presses this guide aside when it comes abreast, and the less the farther above
+    or below it stands, as stresses die away from where a load is: A. de Saint-Venant, "Mémoire sur la torsion des
+    prismes" (1855).
+    `warm_gap`: the blocks of the carriage open as they grow warmer than their rail was fitted for, and it follows the
+    waves of the rail further, in proportion to the gap: E. Oberg, F. D. Jones, "Machinery's Handbook" (1914).
     """
 
     slope = False
@@ -118,6 +132,8 @@ class _Guide(Effect):
         self.unloads_kg = float(self.rng.uniform(*UNLOADS_KG))
         self.turns_m = np.pi * diameter_m * np.array([1.0, 1.0 + float(self.rng.uniform(*UNLIKE))])
         self.pad_s = float(self.rng.uniform(*PAD_S))
+        self.abreast_m = float(self.rng.uniform(*ABREAST_M))
+        self.opens_k = float(self.rng.uniform(*OPENS_K))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the cage creep."""
@@ -183,12 +199,22 @@ class _Guide(Effect):
         return np.asarray(0.7 * (lifts[:, 0] - lifts[:, 1]))
 
     def _by_motion(self, x: Array, state: MotionState) -> Array:
-        """What the last motion, or the place of the next carriage, makes of the line or the angle (n,)."""
+        """What the last motion, the next carriage or warmth makes of the line or the angle (n,)."""
+        if self.variant == "carriage_abreast":
+            return np.asarray(np.exp(-np.abs(beside_m(self.site, state, self.place)) / self.abreast_m))
+        if self.variant == "warm_gap":
+            return self._opened(state)
         if self.variant == "racked_frame":
             return self._racked(x, state)
         if self.variant == "tilting_pad":
             return self._ridden_up(state)
         return state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
+
+    def _opened(self, state: MotionState) -> Array:
+        """How far a carriage with open blocks follows the waves of its rail (n,)."""
+        gap = np.maximum(above_reference_k(self.site, state) - self.opens_k, 0.0) / GAP_K
+        wave = np.sin(2.0 * np.pi * state.q_m[:, self.place] / self.values["wavelength_m"] + self.phase)
+        return np.asarray((TIGHT + gap) * wave)
 
     def _racked(self, x: Array, state: MotionState) -> Array:
         """How a frame that the next carriage racks moves this guide (n,)."""
@@ -278,8 +304,16 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_m", 1e-6, 1e-5, 4e-4, "sideways"),
-        variants=(*_VARIANTS, "creeping_cage", "bolt_dips", "moving_load", "two_blocks_one_dent", "racked_frame"),
-        final="racked_frame",
+        variants=(
+            *_VARIANTS,
+            "creeping_cage",
+            "bolt_dips",
+            "moving_load",
+            "two_blocks_one_dent",
+            "racked_frame",
+            "carriage_abreast",
+        ),
+        final="carriage_abreast",
         reveals="drive coordinate, by variant the other one's, direction, payload or distance moved, SMRs on the "
         "sliders",
         make=Straightness,
@@ -290,10 +324,18 @@ EFFECTS = (
         kind="catalogue",
         place="drive",
         size=EffectParameter("amplitude_rad", 2e-6, 3e-5, 4e-3, "rotation in the plane"),
-        variants=(*_VARIANTS, "ball_passage", "off_centre_drive", "unround_rollers", "unloaded_block", "tilting_pad"),
-        final="tilting_pad",
-        reveals="drive coordinate, by variant direction, speed, dwell and payload, platform rotation; not a slider's "
-        "SMR",
+        variants=(
+            *_VARIANTS,
+            "ball_passage",
+            "off_centre_drive",
+            "unround_rollers",
+            "unloaded_block",
+            "tilting_pad",
+            "warm_gap",
+        ),
+        final="warm_gap",
+        reveals="drive coordinate, by variant direction, speed, dwell, payload and temperature, platform rotation; not "
+        "a slider's SMR",
         make=Angular,
         others=_WAVE,
     ),

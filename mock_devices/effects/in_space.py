@@ -34,6 +34,7 @@ OUTSIDE = (
     "bearing_wobble", "stiff_hose", "floating_ball", "chain_on_carriage",
     "cyclic_range", "dragged_seat", "toothed_brake",
     "stuck_bits", "maxwell_strap", "flipping_fork", "chance_of_balls",
+    "lost_fringes", "tacky_film", "stepping_collar", "every_other_stop",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -49,7 +50,15 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
     "guide_angular": ALL,
     "screw_thermal_growth": ALL,
     "link_thermal_growth": ALL,
-    "expansion_coefficient": ("screws", "nickel_steel", "late_growth", "two_batches", "martensite", "curie_kink"),
+    "expansion_coefficient": (
+        "screws",
+        "nickel_steel",
+        "late_growth",
+        "two_batches",
+        "martensite",
+        "curie_kink",
+        "stressed_alloy",
+    ),
     "link_stiffness": (
         "softer",
         "softens_with_load",

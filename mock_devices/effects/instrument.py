@@ -67,6 +67,10 @@ class StationDrift(Effect):
     `swaying_building`: sun, wind and lifts sway the building in two slow waves of unrelated periods, each in a
     direction of its own, like the tides of a sea: G. H. Darwin, "The Tides" (1898). The size is the amplitude of
     either.
+    `carriages_weight`: the floor dips under the columns, and the station stands in the hollow of each, which is as deep
+    as the weight on it: a linear body under single loads in J. Boussinesq, "Application des potentiels à l'étude de
+    l'équilibre et du mouvement des solides élastiques" (1885). A column bears more the lower its carriage stands. The
+    size is that of one carriage at its lower end without payload.
     """
 
     def setup(self) -> None:
@@ -93,6 +97,8 @@ class StationDrift(Effect):
         self.sways_s = np.array([float(own.uniform(*period_s)) for period_s in SWAYS_S])
         sways = own.standard_normal((2, 6))
         self.sways = sways / np.linalg.norm(sways, axis=1)[:, None] * np.sqrt(3.0)
+        hollows = own.standard_normal((len(self.site.machine.sliders), 6))
+        self.hollows = hollows / np.linalg.norm(hollows, axis=1)[:, None] * np.sqrt(3.0)
 
     def _switched(self, elapsed_s: Array) -> Array:
         """Warmth (n,) from 0, where the fan stops, to 1, where it starts; SWITCHES is the time constant of either part
@@ -116,6 +122,12 @@ class StationDrift(Effect):
         ago = elapsed_s[:, None] - self.passed_s
         return np.asarray(np.where(ago >= 0.0, np.exp(-np.maximum(ago, 0.0) / FORGETS_S), 0.0) @ self.pushes)
 
+    def _weighs(self, state: MotionState) -> Array:
+        """Weight on each column (n, drives) over that of a carriage at its lower end without payload."""
+        low, high = np.array([slider.travel_m for slider in self.site.machine.sliders]).T
+        own_kg = self.site.machine.moving_mass_kg
+        return np.asarray((high - state.q_m) / (high - low) * ((own_kg + state.payload_kg) / own_kg)[:, None])
+
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Move the frame."""
         t = self.elapsed_s(state)
@@ -131,6 +143,8 @@ class StationDrift(Effect):
             y = np.outer(heat, self.weights)
         elif self.variant == "swaying_building":
             y = np.sin(2.0 * np.pi * t[:, None] / self.sways_s) @ self.sways
+        elif self.variant == "carriages_weight":
+            y = self._weighs(state) @ self.hollows
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
         elif self.variant == "thermostat":
@@ -167,9 +181,10 @@ EFFECTS = (
             "thermostat",
             "tracking_heat",
             "swaying_building",
+            "carriages_weight",
         ),
-        final="swaying_building",
-        reveals="time or motions made, floor nests",
+        final="carriages_weight",
+        reveals="time or motions made, by variant both drives' coordinates and payload, floor nests",
         make=StationDrift,
     ),
     EffectSpec(
@@ -195,8 +210,9 @@ EFFECTS = (
             "stirred",
             "sun_patch",
             "warm_puffs",
+            "heaving_layers",
         ),
-        final="warm_puffs",
+        final="heaving_layers",
         reveals="angles, or ranges, against height and distance, by variant time, motions made, all SMRs and nests "
         "alike",
         make=Refraction,

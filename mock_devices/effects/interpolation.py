@@ -16,6 +16,7 @@ BITS, FILLS = 4, (0.75, 1.0)  # of a converter; share of its range that the sign
 IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one image of its grating to the next
 SET_K, SIGNALS_K = (1.5, 4.0), 1.5  # how far from the reference signals were corrected; kelvin that give the size
 DROP_M, SMEARS_M, WETTED = 0.12, 15.0, 2.0  # of a drop: half width at first; way that smears it; error at first
+PERIODS, ONE_TRACK = (15, 40), 0.7  # of one track for one more of the other; error of one track over the size
 SQUARE = 0.4  # of half the travel: within which of its middle a twisted grating is square to its head, by lot
 SHADOW_RAD = 0.0711  # largest error of triangles
 
@@ -48,6 +49,9 @@ class Interpolation(Effect):
     `twisted_grating`: the scale lies twisted, and its head leans the more the farther it is from where both are square,
     so that the phase between its fields of moiré errs this way and that way on both sides: G. Oster, M. Wasserman, C.
     Zwerling, "Theoretical Interpretation of Moiré Patterns" (1964). The size is that half the travel away.
+    `two_tracks`: the place is the mean of two tracks, the other one of which has one period more for some of this one,
+    and both have offsets, so that the errors beat: P. Vernier, "La construction, l'usage, et les propriétés du quadrant
+    nouveau de mathématique" (1631).
     """
 
     def setup(self) -> None:
@@ -63,6 +67,9 @@ class Interpolation(Effect):
         middle, half = self.site.drive_range_m(self.place)
         self.drop_m = middle + half * float(self.rng.uniform(-0.5, 0.5))
         self.square_m = middle + half * float(self.rng.uniform(-SQUARE, SQUARE))
+        own = self.rng.spawn(1)[0]
+        self.periods = int(own.integers(PERIODS[0], PERIODS[1] + 1))
+        self.beats = float(own.uniform(0.0, 2.0 * np.pi))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the head smear the drop."""
@@ -78,8 +85,9 @@ class Interpolation(Effect):
             y = np.sin(phase)
         elif self.variant == "both":
             y = 0.7 * np.sin(phase) + 0.7 * np.sin(2.0 * phase + 0.8)
-        elif self.variant == "ellipse":
-            y = self._ellipse(phase)
+        elif self.variant in ("ellipse", "harmonics", "two_tracks"):
+            shapes = {"ellipse": self._ellipse, "harmonics": self._harmonics, "two_tracks": self._two_tracks}
+            y = shapes[self.variant](phase)
         elif self.variant == "shadow_gratings":
             error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
             y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
@@ -99,8 +107,6 @@ class Interpolation(Effect):
         elif self.variant == "twisted_grating":
             _, half = self.site.drive_range_m(self.place)
             y = (q - self.square_m) / half * y
-        elif self.variant == "harmonics":
-            y = self._harmonics(phase)
         elif self.variant == "dirty_scale":  # weaker signals over part of the travel
             middle, half = self.site.drive_range_m(self.place)
             y = np.sin(phase) * (0.5 + 1.2 * np.exp(-(((q - middle) / (0.5 * half)) ** 2)))
@@ -111,6 +117,10 @@ class Interpolation(Effect):
         cosine, sine = (np.floor(self.levels * x) + 0.5 for x in (np.cos(phase), np.sin(phase)))
         error = np.arctan2(sine, cosine) - phase
         return np.asarray((error + np.pi) % (2.0 * np.pi) - np.pi)
+
+    def _two_tracks(self, phase: Array) -> Array:
+        """Mean error of two tracks (n,) of unequal periods, over its RMS as a sine."""
+        return np.asarray(ONE_TRACK * (np.sin(phase) + np.sin(phase * (1.0 + 1.0 / self.periods) + self.beats)))
 
     def _harmonics(self, phase: Array) -> Array:
         """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
@@ -147,8 +157,9 @@ EFFECTS = (
             "warm_signals",
             "smeared_drop",
             "twisted_grating",
+            "two_tracks",
         ),
-        final="twisted_grating",
+        final="two_tracks",
         reveals="many drive positions off a grid, by variant temperature or distance moved, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),

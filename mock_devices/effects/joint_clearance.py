@@ -23,6 +23,7 @@ SEATS_KG = 300.0  # payload whose weight seats a pin against its friction
 NEW, WEARS_M = 0.1, 80.0  # play of a new joint over the size; way of its drive after which it has the size
 SHRINKS_PER_K = 0.4  # of a bush's play
 LOBES = (15, 30)  # of a hole, in a turn
+BUSH_M = (30.0, 60.0)  # way of its drive in which an oval bush creeps once round
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -54,6 +55,8 @@ class JointClearance(Effect):
     `lobed_hole`: the tool chattered, and the hole has lobes, so that the play along the strut goes up and down as that
     turns, several times in its swing: roundness in D. J. Whitehouse, "Handbook of Surface Metrology" (1994). The size
     is the play in a lobe; between two of them there is none.
+    `turning_bush`: an oval bush creeps round in its seat with every metre that its drive runs, and the play along the
+    strut comes and goes twice a turn: J. Halling, "Principles of Tribology" (1975). The size is the widest play.
     """
 
     def setup(self) -> None:
@@ -63,10 +66,11 @@ class JointClearance(Effect):
         self.lobes = int(self.rng.integers(LOBES[0], LOBES[1] + 1))
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._ways = LegMemory(ways_m)
+        self.bush_m = float(self.rng.uniform(*BUSH_M))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the motions of the strut's own drive wear its joints."""
-        if self.variant == "wearing_pin" and drive == self.site.machine.struts[self.place].drive:
+        """Let the motions of the strut's own drive wear its joints, or turn their bush."""
+        if self.variant in ("wearing_pin", "turning_bush") and drive == self.site.machine.struts[self.place].drive:
             self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -110,11 +114,13 @@ class JointClearance(Effect):
         if self.variant == "worn_hole":
             worn = np.exp(-((swing_rad(self.site.machine, i, state.q_m) / WORN_RAD) ** 2))
             return np.asarray(UNWORN + (1.0 - UNWORN) * worn)
-        if self.variant == "lobed_hole":
-            turn = self.lobes * swing_rad(self.site.machine, i, state.q_m) + self.phase
-            return np.asarray(0.5 * (1.0 + np.cos(turn)))
         if self.variant == "wearing_pin":
             return NEW + (1.0 - NEW) * self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / WEARS_M
+        if self.variant in ("lobed_hole", "turning_bush"):
+            turn = self.lobes * swing_rad(self.site.machine, i, state.q_m)
+            if self.variant == "turning_bush":
+                turn = 4.0 * np.pi * self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / self.bush_m
+            return np.asarray(0.5 * (1.0 + np.cos(turn + self.phase)))
         if self.variant == "shrinking_bush":
             machine = self.site.machine
             above_k = state.parts_c[machine.expansion["struts"].sensor] - machine.reference_temperature_c

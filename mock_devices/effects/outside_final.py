@@ -5,118 +5,129 @@ Their plain variant, which is what the description says, is the one of final sco
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StationSight
-from mock_devices.effects.followers import Flipped
-from mock_devices.effects.leg_memory import LegMemory
-from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
+from mock_devices.effects.leg_memory import LegMemory, motions
+from mock_devices.effects.outside_counts import FastMotions, RestedAt
+from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 
-STRAP_AT, STRAP_M, RELAXES_S = (
-    -0.1 + 0.2j,
-    0.3,
-    (40.0, 150.0),
-)  # of a strap: point of the platform; sideways motion that
-# leaves the size; time constant
-FLIPS, LEANS = (
-    (0.15, 0.4),
-    0.3,
-)  # of a fork: place where it flips over half the travel, either way; lean within its place
-STOPS = 4096  # stops until chance repeats itself
+LOST, LOSES_M_PER_S, HOMES_S = 30.0, 0.2, (900.0, 1800.0)  # of fringes: fast motions to the size; speed from which some
+# are lost; how often the station is homed
+STOP_AT, TACKY_M = -0.1 + 0.2j, 0.12  # of a tacky film: point of the platform; how far it pulls hardest
+FORMS_S, RESTS_S = (3.0, 12.0), 2.0  # in which a film forms; rest from which it does
+TEETH = (6, 12)  # of a collar
+TRIGGER_M, LEANS = 0.05, 0.25  # of a trigger: shortest motion that it feels; lean along the travel, over the size
 
 
-class StuckBits(OutsideEffect):
-    """The last bits of both circles are stuck, so that the station's angles go in coarse steps.
+class LostFringes(OutsideEffect):
+    """An interferometer counts fringes, loses some in every fast motion of any drive, and is homed now and then.
 
-    B. Widrow, "A Study of Rough Amplitude Quantization by Means of Nyquist Sampling Theory" (1956). The size is a step;
-    within it an angle is wrong by up to half of that, either way.
-    """
-
-    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Read angles in steps."""
-        if self.size == 0.0:
-            return
-        sight.hz_rad += self._off(sight.hz_rad, state.payload_kg[:, None])
-        sight.v_rad += self._off(sight.v_rad, state.payload_kg[:, None])
-
-    def _off(self, angle_rad: Array, payload_kg: Array) -> Array:
-        """Error of one circle (n, smrs): from the angle to the middle of its step."""
-        within = angle_rad / self.size % 1.0
-        return 0.5 * self.size * apply_variant(1.0 - 2.0 * within, self.variant, payload_kg)
-
-
-class MaxwellStrap(OutsideEffect):
-    """A strap of a tough plastic between frame and platform pulls back after every sideways motion, and relaxes.
-
-    A spring and a damper one after the other: J. C. Maxwell, "On the Dynamical Theory of Gases" (1867). All earlier
-    motions act together, each by what is left of it; where the platform stands does not matter.
+    A. A. Michelson, "Light Waves and Their Uses" (1903): who counts has to begin anew once a fringe is lost. All ranges
+    are short by what has been lost since the station was homed last.
     """
 
     def setup(self) -> None:
-        """How fast it relaxes."""
+        """How often the station is homed; fast motions of each drive."""
         super().setup()
-        self.relaxes_s = float(self.rng.uniform(*RELAXES_S))
-        self._ways = [LegMemory(lambda way, _speed, _: way, self.relaxes_s) for _ in range(2)]
+        self.homes_s = float(self.rng.uniform(*HOMES_S))
+        self._fast = [FastMotions(LOSES_M_PER_S) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let it be stretched by its two drives."""
-        if drive < len(self._ways):
-            self._ways[drive].record(leg)
+        """Lose some fringes."""
+        self._fast[drive].record(leg)
 
     def _unit(self, state: MotionState) -> Array:
-        left_m, right_m = (memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._ways))
-        return np.asarray(0.5 * (left_m - right_m) / STRAP_M)
+        homed_s = self.site.start_s + np.floor(self.elapsed_s(state) / self.homes_s) * self.homes_s
+        lost = sum(fast.since(homed_s, state, drive) for drive, fast in enumerate(self._fast))
+        return np.asarray(lost / LOST)
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Read all ranges short."""
+        sight.distance_m -= self.signal(state)[:, None]
+
+
+class TackyFilm(OutsideEffect):
+    """A film of old oil between platform and a stop beside it holds back whoever leaves, the more it has rested there.
+
+    Tack and its strings, which pull harder until they tear: J. J. Bikerman, "The Science of Adhesive Joints" (1961).
+    The film is that of the last rest of the first two drives; it pulls towards there, sideways, for some centimetres.
+    """
+
+    def setup(self) -> None:
+        """How fast the film forms, and where each drive has rested."""
+        super().setup()
+        self.forms_s = float(self.rng.uniform(*FORMS_S))
+        self._rested = [RestedAt(RESTS_S, self.site.drive_range_m(drive)[0]) for drive in range(2)]
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let a film form where a drive rests."""
+        if drive < len(self._rested):
+            self._rested[drive].record(leg)
+
+    def _unit(self, state: MotionState) -> Array:
+        left, right = (rested.at(state, drive) for drive, rested in enumerate(self._rested))
+        from_there_m = 0.5 * (state.q_m[:, 0] - left[:, 0] - state.q_m[:, 1] + right[:, 0])
+        formed = -np.expm1(-np.minimum(left[:, 1], right[:, 1]) / self.forms_s)
+        stretched = from_there_m / TACKY_M
+        return np.asarray(-formed * stretched * np.exp(0.5 - 0.5 * stretched**2))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Pull sideways at the platform's upper edge."""
-        deviation.loads.append((np.full(len(state), STRAP_AT), self.signal(state).astype(np.complex128)))
+        deviation.loads.append((np.full(len(state), STOP_AT), self.signal(state).astype(np.complex128)))
 
 
-class FlippingFork(OutsideEffect):
-    """A strut's fork has play and flips over when its drive has gone far enough, and back when that has come far down.
+class SteppingCollar(OutsideEffect):
+    """A toothed collar on a strut steps on with every motion of its drive, and falls back after its last tooth.
 
-    The relay with two thresholds of F. Preisach, "Über die magnetische Nachwirkung" (1935). In between it stays where
-    it is, and leans a little with the strut. The strut is longer or shorter by that.
+    An escapement as in C. Huygens, "Horologium Oscillatorium" (1673). Each step makes the strut longer by the same.
     """
 
     def setup(self) -> None:
-        """Places where it flips; at first it lies as after a way down."""
+        """How many teeth there are."""
         super().setup()
+        self.teeth = int(self.rng.integers(TEETH[0], TEETH[1] + 1))
         self.drive = self.site.machine.struts[self.place].drive
-        middle, half = self.site.drive_range_m(self.drive)
-        up, down = self.rng.uniform(*FLIPS, 2)
-        self.flips_m = (middle - half * float(down), middle + half * float(up))
-        self._fork = Flipped(*self.flips_m)
+        self._steps = LegMemory(motions)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let its drive flip it."""
+        """Step on."""
         if drive == self.drive:
-            self._fork.record(leg)
+            self._steps.record(leg)
 
     def _unit(self, state: MotionState) -> Array:
-        middle, half = self.site.drive_range_m(self.drive)
-        leans = (state.q_m[:, self.drive] - middle) / half
-        return np.asarray((1.0 - LEANS) * self._fork.at(state, self.drive) + LEANS * leans)
+        return np.asarray(self._steps.at(state, self.drive)[:, 0] % self.teeth / (self.teeth - 1.0))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lengthen or shorten the strut."""
+        """Lengthen the strut."""
         deviation.length_m[:, self.place] += self.signal(state)
 
 
-class ChanceOfBalls(OutsideEffect):
-    """Which balls of the nut carry at a stop is chance, so that every stop is another one, and stays until the next.
+class EveryOtherStop(OutsideEffect):
+    """A worn trigger has two states and changes them with every motion that it feels, so that every other stop differs.
 
-    What remains of a positioning when all that can be repeated is known: ISO 230-2, "Determination of Accuracy and
-    Repeatability of Positioning of Numerically Controlled Axes" (1997). Any place within the size is as likely.
+    W. H. Eccles, F. W. Jordan, "A Trigger Relay Utilising Three-Electrode Thermionic Vacuum Tubes" (1919). A short
+    motion is not felt. The stops differ a little more towards the upper end of the travel.
     """
 
     def setup(self) -> None:
-        """Where the slider ends after each motion."""
+        """How often the trigger has changed its state."""
         super().setup()
-        self.ends = self.rng.uniform(-1.0, 1.0, STOPS)
+        self._felt = LegMemory(lambda way, _speed, _start_s: (np.abs(way) > TRIGGER_M).astype(np.float64))
+        self.first = math.copysign(1.0, self.levels[0])
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Change the state."""
+        if drive == self.place:
+            self._felt.record(leg)
 
     def _unit(self, state: MotionState) -> Array:
-        return np.asarray(self.ends[state.leg[:, self.place] % STOPS])
+        middle, half = self.site.drive_range_m(self.place)
+        leans = 1.0 - LEANS + LEANS * (state.q_m[:, self.place] - middle) / half
+        side = self.first * np.where(self._felt.at(state, self.place)[:, 0] % 2.0 == 0.0, 1.0, -1.0)
+        return np.asarray(side * leans)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -125,35 +136,35 @@ class ChanceOfBalls(OutsideEffect):
 
 EFFECTS = (
     outside_effect(
-        "stuck_bits",
+        "lost_fringes",
         "rig",
-        StuckBits,
-        EffectParameter("step_rad", 1e-6, 2e-5, 2e-3, "of both circles"),
-        "angles, in a saw whose teeth are as wide as high, all SMRs and nests alike",
+        LostFringes,
+        EffectParameter("short_m", 1e-6, 4e-5, 2e-3, "of ranges, after 30 fast motions of drives"),
+        "ranges against fast motions since the station was homed, all SMRs and nests alike",
         final_only=True,
     ),
     outside_effect(
-        "maxwell_strap",
+        "tacky_film",
         "rig",
-        MaxwellStrap,
-        EffectParameter("force_n", 5.0, 400.0, 3e4, "right after a sideways motion by 0.3 m"),
-        "former motions and the time since then, not the place; rotation",
+        TackyFilm,
+        EffectParameter("force_n", 5.0, 400.0, 3e4, "at most, after long rest"),
+        "the place of the last rest and how long that was, near it only; rotation",
         final_only=True,
     ),
     outside_effect(
-        "flipping_fork",
+        "stepping_collar",
         "strut",
-        FlippingFork,
-        EffectParameter("flip_m", 1e-6, 3e-5, 1e-3, "either way"),
-        "former places of the drive; not a slider's SMR",
+        SteppingCollar,
+        EffectParameter("steps_m", 1e-6, 3e-5, 1e-3, "of all steps together"),
+        "number of motions, in a saw; not a slider's SMR",
         final_only=True,
     ),
     outside_effect(
-        "chance_of_balls",
+        "every_other_stop",
         "drive",
-        ChanceOfBalls,
-        EffectParameter("spread_m", 1e-6, 3e-5, 1e-3, "either way"),
-        "every stop another one, all SMRs of the platform together, SMRs on the sliders",
+        EveryOtherStop,
+        EffectParameter("jump_m", 1e-6, 3e-5, 1e-3, "either way, at the upper end of the travel"),
+        "odd and even numbers of long motions, SMRs on the sliders",
         final_only=True,
     ),
 )

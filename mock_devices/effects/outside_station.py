@@ -86,6 +86,26 @@ class CyclicRange(OutsideEffect):
         sight.distance_m += self.size * apply_variant(y, self.variant, state.payload_kg[:, None])
 
 
+class StuckBits(OutsideEffect):
+    """The last bits of both circles are stuck, so that the station's angles go in coarse steps.
+
+    B. Widrow, "A Study of Rough Amplitude Quantization by Means of Nyquist Sampling Theory" (1956). The size is a step;
+    within it an angle is wrong by up to half of that, either way.
+    """
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Read angles in steps."""
+        if self.size == 0.0:
+            return
+        sight.hz_rad += self._off(sight.hz_rad, state.payload_kg[:, None])
+        sight.v_rad += self._off(sight.v_rad, state.payload_kg[:, None])
+
+    def _off(self, angle_rad: Array, payload_kg: Array) -> Array:
+        """Error of one circle (n, smrs): from the angle to the middle of its step."""
+        within = angle_rad / self.size % 1.0
+        return 0.5 * self.size * apply_variant(1.0 - 2.0 * within, self.variant, payload_kg)
+
+
 EFFECTS = (
     outside_effect(
         "reference_range",
@@ -114,5 +134,12 @@ EFFECTS = (
         CyclicRange,
         EffectParameter("error_m", 1e-6, 2e-5, 2e-3, "of ranges, either way"),
         "ranges, in short waves of the range, all SMRs and nests alike",
+    ),
+    outside_effect(
+        "stuck_bits",
+        "rig",
+        StuckBits,
+        EffectParameter("step_rad", 1e-6, 2e-5, 2e-3, "of both circles"),
+        "angles, in a saw whose teeth are as wide as high, all SMRs and nests alike",
     ),
 )

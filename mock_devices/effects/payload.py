@@ -21,6 +21,8 @@ FULL_PAYLOAD_KG = 400.0
 LEVER_M = 0.5
 SLOSHES_S, CALMS_S, SLOSH_M_PER_S = 4.5, 15.0, 0.5  # of a pan of liquid: period, time constant, speed
 FILLS_S, DRAINS_S = 150.0, 400.0  # of coolant on the platform: time constants with and without its pump
+COMES_S, GOES_S, QUEUE, COUNTED = 240.0, 200.0, 4.0, 400  # of parts: mean times between two that come and two that go
+# while there are any; how many have the size; comings and goings that are drawn
 SOAKS_S = 3600.0  # in which a block has drawn up the whole size
 CHIPS_S = 3600.0  # in which the whole size has gathered
 
@@ -54,6 +56,9 @@ class Payload(Effect):
     `rope_of_counterweight`: a counterweight hangs on a rope over pulleys, whose friction takes a part of its pull on
     the way up and adds it on the way down, in proportion to what hangs on it: J. A. Eytelwein, "Handbuch der Statik
     fester Körper" (1808). The size is that part without payload, when all drives went the same way.
+    `waiting_parts`: somebody puts parts onto the platform at random moments and a robot takes them away one by one at
+    others, whatever the payload, so that their number is that of a queue: A. K. Erlang, "The Theory of Probabilities
+    and Telephone Conversations" (1909). The size is the mass of QUEUE parts.
     """
 
     def setup(self) -> None:
@@ -65,6 +70,7 @@ class Payload(Effect):
         self.pool = [0.0]
         for k, lasts_s in enumerate(np.diff(self.pump_s).tolist()):
             self.pool.append(float(_pooled(np.array(self.pool[-1]), np.array(k), np.array(lasts_s))))
+        self.changes_s, self.waiting = _queue(self.rng)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add mass, which the drives' torque shows, or move the centre, which it does not."""
@@ -82,12 +88,8 @@ class Payload(Effect):
             extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
         elif self.variant == "hanging_chain":
             extra_kg = 2.0 * self.size * mounted * self._lifted(state)
-        elif self.variant == "gathering_chips":
-            extra_kg = self.size * self.elapsed_s(state) / CHIPS_S
-        elif self.variant == "coolant_pool":
-            t = self.elapsed_s(state)
-            k = np.searchsorted(self.pump_s, t, side="right") - 1
-            extra_kg = self.size * _pooled(np.array(self.pool)[k], k, t - self.pump_s[k])
+        elif self.variant in ("gathering_chips", "coolant_pool", "waiting_parts"):
+            extra_kg = self.size * self._lying(self.elapsed_s(state))
         elif self.variant == "soaking_block":
             extra_kg = self.size * mounted * np.sqrt(self.elapsed_s(state) / SOAKS_S)
         elif self.variant == "rope_of_counterweight":
@@ -104,6 +106,15 @@ class Payload(Effect):
         deviation.payload_mass_kg += extra_kg
         deviation.force_n += extra_kg[:, None] * GRAVITY_M_PER_S2 / len(self.site.machine.sliders)
 
+    def _lying(self, t: Array) -> Array:
+        """What lies on the platform with any payload or none (n,), over the size."""
+        if self.variant == "gathering_chips":
+            return np.asarray(t / CHIPS_S)
+        if self.variant == "waiting_parts":
+            return np.asarray(self.waiting[np.searchsorted(self.changes_s, t, side="right")] / QUEUE)
+        k = np.searchsorted(self.pump_s, t, side="right") - 1
+        return _pooled(np.array(self.pool)[k], k, t - self.pump_s[k])
+
     def _lifted(self, state: MotionState) -> Array:
         """Height of the platform (n,) by its drives, from 0 to 1."""
         ends = np.array([slider.travel_m for slider in self.site.machine.sliders])
@@ -114,6 +125,20 @@ def _pooled(begins: Array, number: NDArray[np.intp], lasts_s: Array) -> Array:
     """How full a platform is (n,) some time after its pump was switched for the k-th time: on for odd numbers."""
     runs = number % 2 == 1
     return np.asarray(runs + (begins - runs) * np.exp(-lasts_s / np.where(runs, FILLS_S, DRAINS_S)))
+
+
+def _queue(rng: np.random.Generator) -> tuple[Array, Array]:
+    """Moments at which parts come or go, and how many there are before the first and after each; none at first."""
+    now_s, count = 0.0, 0
+    changes_s, waiting = [], [0.0]
+    for _ in range(COUNTED):
+        goes = 1.0 / GOES_S if count else 0.0
+        rate = 1.0 / COMES_S + goes
+        now_s += float(rng.exponential(1.0 / rate))
+        count += -1 if float(rng.uniform()) < goes / rate else 1
+        changes_s.append(now_s)
+        waiting.append(float(count))
+    return np.array(changes_s), np.array(waiting)
 
 
 def _sloshed(state: MotionState) -> Array:
@@ -142,8 +167,9 @@ EFFECTS = (
             "coolant_pool",
             "soaking_block",
             "rope_of_counterweight",
+            "waiting_parts",
         ),
-        final="rope_of_counterweight",
+        final="waiting_parts",
         reveals="payloads, torque; by variant time, dwell, height, direction",
         make=Payload,
     ),

@@ -29,6 +29,7 @@ JET_SHARE, JET_WIDE_M, JET_HALF_M = 0.5, 0.6, 0.15  # of a warm jet: share of th
 JET_M = (-0.25, 0.05)  # its middle above the station
 PATCH_S, PATCH_FROM_M, PATCH_HALF_M = (3500.0, 7000.0), 0.35, 0.18  # of a sunny patch: time to cross; begin; width
 PATCH_UP_M = 0.5  # height over the station's in which what rises from the patch has mixed to 1 / e
+HEAVES_S, HEAVES_M = (100.0, 300.0), 0.25  # of a layer that heaves: period, height either way
 PUFFS_S, PUFFS = 60.0, 200  # of warm air: mean time between two; how many are drawn
 PUFF_M, PUFF_FROM_M, PUFF_M_PER_S, PUFF_PASSES_S = 0.15, 0.35, 0.1, 20.0  # half width; farthest from the middle; speed;
 # time in which half of one passes
@@ -68,6 +69,8 @@ class Refraction(Effect):
     `warm_puffs`: puffs of warm air rise halfway to the machine at random moments, here and there, and pass the lower
     lines first; lines beside its middle bend around it, sideways: J. S. Turner, "Buoyant Vortex Rings" (1957).
     The gradient is the largest one in a puff.
+    `heaving_layers`: the layer between cool air and warm heaves up and down as buoyancy draws it back: D. Brunt, "The
+    Period of Simple Vertical Oscillations in the Atmosphere" (1927). The gradient is that in the middle of the layer.
     """
 
     def setup(self) -> None:
@@ -81,6 +84,8 @@ class Refraction(Effect):
         self.wanders = float(self.rng.choice([-1.0, 1.0]))
         self.puffs_s = np.cumsum(self.rng.exponential(PUFFS_S, PUFFS))
         self.puffs_m = self.rng.uniform(-PUFF_FROM_M, PUFF_FROM_M, PUFFS)
+        self.heaves_s = float(self.rng.uniform(*HEAVES_S))
+        self.heaves_at = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -99,7 +104,7 @@ class Refraction(Effect):
             return
         bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
         height = sight.points_m[..., 2]
-        if self.variant in ("cold_floor", "filling_box", "two_layers", "stirred"):
+        if self.variant in ("cold_floor", "filling_box", "two_layers", "stirred", "heaving_layers"):
             sight.v_rad += bend * self._gradient(state, height) * np.sin(sight.v_rad)
         elif self.variant == "warm_jet":
             off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
@@ -157,13 +162,16 @@ class Refraction(Effect):
             return self._front_gradient(state, height_m)
         if self.variant == "stirred":
             return np.mean([part.at(state, drive) for drive, part in enumerate(self._stirred)], axis=0)[:, None]
+        if self.variant == "heaving_layers":
+            turn = 2.0 * np.pi * self.elapsed_s(state)[:, None] / self.heaves_s + self.heaves_at
+            return self._mean_gradient(height_m, HEAVES_M * np.sin(turn))
         return self._mean_gradient(height_m)
 
-    def _mean_gradient(self, height_m: Array) -> Array:
+    def _mean_gradient(self, height_m: Array, lifted_m: Array | float = 0.0) -> Array:
         """Mean gradient over a line to a height, weighted towards the station, over that in the layer's middle."""
         total = np.zeros_like(height_m)
         for node, weight in zip(*_FINE, strict=True):
-            total += 2.0 * weight * (1.0 - node) / np.cosh((height_m * node - LAYER_M) / LAYER_HALF_M) ** 2
+            total += 2.0 * weight * (1.0 - node) / np.cosh((height_m * node - LAYER_M - lifted_m) / LAYER_HALF_M) ** 2
         return total
 
     def _front_gradient(self, state: MotionState, height_m: Array) -> Array:

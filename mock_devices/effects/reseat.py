@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from mock_devices.effects.base import (
     ONSET,
@@ -25,6 +26,7 @@ BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its sea
 NEST_PART = "platform"
 NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
 STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop for the size; period; time constant
+SPOTS = 4096  # in a seat, until chance repeats itself
 GREASE_S = (4.0, 15.0)  # time constant with which a reflector sags in its grease
 THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
@@ -54,6 +56,8 @@ class Reseat(Effect):
     `sagging_grease`: put back into a seat full of stiff grease, it sags in it while all drives rest, until the grease
     bears it, and the next motion shakes it up again: E. C. Bingham, "Fluidity and Plasticity" (1922). The size is what
     it would sag in long rest.
+    `rattling`: put back without its magnet, it lies anywhere in its seat after each motion of any drive: S.
+    Chandrasekhar, "Stochastic Problems in Physics and Astronomy" (1943). The size is how far it may go from the middle.
     """
 
     def setup(self) -> None:
@@ -78,6 +82,8 @@ class Reseat(Effect):
         self.stem_s = float(self.rng.uniform(*STEM_S))
         self.calms_s = float(self.rng.uniform(*CALMS_S))
         self.grease_s = float(self.rng.uniform(*GREASE_S))
+        angles, radii = self.rng.uniform(0.0, 2.0 * np.pi, SPOTS), np.sqrt(self.rng.uniform(0.0, 1.0, SPOTS))
+        self.spots = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)  # even over the seat
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -99,13 +105,19 @@ class Reseat(Effect):
         """How far it has sagged since the last drive came to rest (n,), over what it ends at."""
         return np.asarray(-np.expm1(-state.since_s.min(axis=1) / self.grease_s))
 
+    def _each_time(self, state: MotionState, after: NDArray[np.bool_]) -> Array:
+        """Where it lies (n, 2) over the size, if anywhere else after each exchange of payload or after each motion."""
+        if self.variant == "rattling":
+            return np.asarray(after[:, None] * self.spots[state.leg.sum(axis=1) % SPOTS])
+        number = state.exchanges.astype(int) % 64  # taken off whenever the payload is exchanged
+        return np.where((number > 0)[:, None], self.shifts[number], 0.0)
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the reflector."""
         t = state.t_s - self.site.start_s - self.values["onset_s"]
         after = t >= 0.0
-        if self.variant == "each_exchange":  # taken off whenever the payload is exchanged
-            number = state.exchanges.astype(int) % 64
-            y = np.where((number > 0)[:, None], self.shifts[number], 0.0)
+        if self.variant in ("each_exchange", "rattling"):
+            y = self._each_time(state, after)
         elif self.variant == "glue":
             y = np.outer(1.0 - np.exp(-np.maximum(t, 0.0) / 900.0), self.shifts[0])
         elif self.variant == "loose":  # a little further every few minutes
@@ -164,8 +176,9 @@ EFFECTS = (
             "thrown_ball",
             "ringing_stem",
             "sagging_grease",
+            "rattling",
         ),
-        final="sagging_grease",
+        final="rattling",
         reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(ONSET,),

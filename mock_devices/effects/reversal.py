@@ -23,6 +23,7 @@ NUT_S, NUT_M_PER_S, NUT_CLOSES = 600.0, 0.04, 0.8  # a nut's warmth: decay; mean
 GAP_PER_K = 0.25  # of a play, by which housing and screw change it together
 NEW, WEARS_M = 0.15, 100.0  # play of a new nut over the size; way of its drive after which it has the size
 BALLS, LIFE_M, LIVES, WHOLE = 8, 80.0, 2.0, 0.15  # that break: how many; scale and shape of their lives; play before
+WHEEL_M = (0.03, 0.09)  # travel in one turn of an eccentric wheel
 SHAKES_M_PER_S = 0.2  # of the other drive, from which it shakes a slider all the way through its play
 TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
@@ -74,6 +75,9 @@ class Backlash(Play):
     `breaking_balls`: the weakest balls of the nut break one after the other, each after a way that is drawn from the
     distribution of W. Weibull, "A Statistical Theory of the Strength of Materials" (1939), and each widens the play by
     the same. The size is the play when all of them have broken.
+    `eccentric_wheel`: a wheel between motor and screw sits off its axis, so that its teeth mesh deeply in one half of a
+    turn and hardly in the other, and play opens and closes with the place: D. W. Dudley, "Practical Gear Design"
+    (1954). The size is the widest play; at the deepest there is none.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -124,10 +128,14 @@ class Backlash(Play):
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.rise_m = float(np.exp(self.rng.uniform(*np.log(RISE_M))))
         self.opens_per_k = GAP_PER_K * float(self.rng.choice([-1.0, 1.0]))
+        self.wheel_m = float(self.rng.spawn(1)[0].uniform(*WHEEL_M))
         self.breaks_m = np.sort(LIFE_M * self.rng.weibull(LIVES, BALLS))
 
     def _opened(self, state: MotionState) -> Array:
-        """How wide wear or broken balls have made the play (n,), over the size."""
+        """How wide wear, broken balls or a wheel have made the play (n,), over the size."""
+        if self.variant == "eccentric_wheel":
+            turn = 2.0 * np.pi * state.q_m[:, self.place] / self.wheel_m
+            return np.asarray(0.5 + 0.5 * np.cos(turn + self.phase))
         way_m = self._worn.at(state, self.place)[:, 0]
         if self.variant == "breaking_balls":
             broken = np.searchsorted(self.breaks_m, way_m, side="right")
@@ -158,7 +166,7 @@ class Backlash(Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
-        elif self.variant in ("wearing", "breaking_balls"):
+        elif self.variant in ("wearing", "breaking_balls", "eccentric_wheel"):
             offset = offset * self._opened(state)
         elif self.variant == "shaken_down":
             offset = offset - self._shaken(state) * (offset + 0.5 * self.size)
@@ -203,8 +211,9 @@ EFFECTS = (
             "wearing",
             "shaken_down",
             "breaking_balls",
+            "eccentric_wheel",
         ),
-        final="breaking_balls",
+        final="eccentric_wheel",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
         "drive, temperature, earlier motions",
         make=Backlash,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState, StatefulEffect
+from mock_devices.effects.flows import ThinnedOil
 from mock_devices.effects.followers import HeldWarm
 from mock_devices.effects.leg_memory import Leaves, LegMemory, PassMemory
 
@@ -18,6 +20,7 @@ START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
 LIFTS, HOIST_FIN_M = 0.01, 0.6  # share of its time for which a drive lifts to end at the size; see MOTOR_FIN_M
 HOLD_FANS, HOLD_FIN_M = 4.0, 0.8  # how much faster a moving motor cools than one at rest; see MOTOR_FIN_M
 STRETCH_M, STRETCH_FIN_M = 0.15, 0.4  # of a starved stretch: its length; see MOTOR_FIN_M
+THINS, OIL_M_PER_S = 1.5, 0.25  # of oil: how much thinner it is by the size, as a logarithm; speed for the size
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
@@ -57,6 +60,9 @@ class ScrewGrowth(StatefulEffect):
     `starved_stretch`: one stretch has lost its grease and rubs dryly, so that every pass of the nut warms it, and the
     warmth falls off along the screw on both sides: starved contacts in A. Cameron, "The Principles of Lubrication"
     (1966). The size is that of the stretch if the drive runs evenly all over its travel, at DUTY_M_PER_S on average.
+    `thinning_oil`: the nut shears oil, whose heat a metre goes with the speed, and which is thinner the warmer the
+    screw is, so that it heats less and less: R. Nahme, "Beiträge zur hydrodynamischen Theorie der Lagerreibung" (1940).
+    The size is where it ends at DUTY_M_PER_S on average with motions at OIL_M_PER_S.
     """
 
     def setup(self) -> None:
@@ -74,6 +80,7 @@ class ScrewGrowth(StatefulEffect):
         starved = 0.5 * (low + high) + 0.5 * (high - low) * float(self.rng.uniform(-0.5, 0.5))
         self.starved_m = starved
         self._passed = PassMemory(starved - 0.5 * STRETCH_M, starved + 0.5 * STRETCH_M, self.values["tau_s"])
+        self._thinned = ThinnedOil(_shearing(DUTY_M_PER_S * self.values["tau_s"]), THINS, self.values["tau_s"])
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -94,6 +101,8 @@ class ScrewGrowth(StatefulEffect):
             self._passed.record(leg)
         if self.variant == "holding" and drive == self.place:
             self._held.record(leg)
+        if self.variant == "thinning_oil" and drive == self.place:
+            self._thinned.record(leg)
 
     def _warmed(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
         """Warmth (n, cells) at t_s; each pass of a cell leaves in it what it would leave in a screw run all over."""
@@ -142,9 +151,10 @@ class ScrewGrowth(StatefulEffect):
             warm = self.size * self._starts.at(state, a)[:, 0]
             deviation.travel_m[:, a] -= alpha * warm * MOTOR_FIN_M * (1.0 - np.exp(-up_m / MOTOR_FIN_M))
             return
-        if self.variant == "chilled":
+        if self.variant in ("chilled", "thinning_oil"):
             way_m = state.q_m[:, a] - self.site.machine.sliders[a].travel_m[0]
-            deviation.travel_m[:, a] += alpha * self.size * self._chilled.at(state, a) * way_m
+            warmth = self._chilled if self.variant == "chilled" else self._thinned
+            deviation.travel_m[:, a] += alpha * self.size * warmth.at(state, a) * way_m
             return
         if self.variant == "lifting":
             low, high = self.site.machine.sliders[a].travel_m
@@ -202,6 +212,11 @@ class ScrewGrowth(StatefulEffect):
 def _lifting(whole_s: float) -> Leaves:
     """Time for which a leg lifts, over a whole."""
     return lambda way, speed, _: np.maximum(way, 0.0) / np.maximum(speed, 1.0e-6) / whole_s
+
+
+def _shearing(whole_m: float) -> Callable[[Array, Array], Array]:
+    """Heat of a way through oil of the size's warmth, over what the whole way leaves at OIL_M_PER_S."""
+    return lambda way, speed: np.abs(way) * speed / (OIL_M_PER_S * whole_m)
 
 
 class ChilledMemory:

@@ -44,6 +44,9 @@ class ServoSettling(Effect):
     `learning`: the controller learns from every motion, so that each arrival is behind by a constant share less than
     the one before: S. Arimoto, S. Kawamura, F. Miyazaki, "Bettering Operation of Robots by Learning" (1984). What is
     left goes as an integral part takes it up. The size is that of one which has learnt nothing yet.
+    `half_swings`: start and stop of a motion each make the load swing, and what is left goes by how long the motion
+    lasted, nothing after whole swings and most after half ones, at SWINGS and CALMS over tau_s: O. J. M. Smith,
+    "Posicast Control of Damped Oscillatory Systems" (1957). The size is that of both together, were they not damped.
     """
 
     def setup(self) -> None:
@@ -81,6 +84,9 @@ class ServoSettling(Effect):
             return
         t = state.since_s[:, a] / tau
         share = np.exp(-t)
+        if self.variant == "half_swings":
+            moved = np.maximum(state.leg_end_s[:, a] - state.leg_start_s[:, a], 0.0) / tau
+            share = 0.5 * (_swing(t) - _swing(t + moved))
         if self.variant == "integrator_reset":
             own_kg = self.site.machine.moving_mass_kg
             weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
@@ -115,6 +121,11 @@ def _winds(way_m: Array, _speed: Array, _start_s: Array) -> Array:
     return np.sign(way_m) * np.clip((np.abs(way_m) - UNWOUND_M) / (WOUND_M - UNWOUND_M), 0.0, 1.0)
 
 
+def _swing(t: Array) -> Array:
+    """A damped swing (n,) some time after a start or a stop, over tau_s."""
+    return np.asarray(np.exp(-CALMS * t) * np.sin(SWINGS * t))
+
+
 def _swings(halves: Array) -> Array:
     """Place (n,) after some half swings, from 1: each about a middle that friction shifts to where it came from."""
     last = int(np.ceil((1.0 / STICKS - 1.0) / 2.0))  # the half swing that would begin where friction holds
@@ -146,9 +157,11 @@ EFFECTS = (
             "half_order",
             "wound_up",
             "learning",
+            "half_swings",
         ),
-        final="learning",
-        reveals="varied dwell and speed, by variant payload or earlier motions, SMRs on the sliders",
+        final="half_swings",
+        reveals="varied dwell and speed, by variant length of the motion, payload or earlier motions, SMRs on the "
+        "sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
     ),

@@ -35,6 +35,11 @@ BOND, BOND_S = 0.3, (4.0, 12.0)  # of a bonded end: share of its compliance at o
 FOOT_M = -1.2
 PRESSED, FLOATS_M_PER_S, FILM_S = 0.25, 0.5, (4.0, 12.0)  # of a carriage on oil: compliance without a film over the
 # size; speed of a stop that gives the size; time in which the film is pressed out to 1 / sqrt(2)
+CLOSED, OPENS_KG = (
+    0.15,
+    (60.0, 180.0),
+)  # of a bolted joint: compliance while closed, over the size; what opens it
+NEEDLES = (40, 70)  # of a joint's bearing
 RUBBER, RUBBER_S = (0.15, 0.35), 16.0  # exponent of rubber's creep; rest after which it has the size
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
 SOFT_AT_K, SOFTENS_K = (-0.5, 2.0), 3.0  # where an adhesive turns soft, above the reference; half the width of that
@@ -73,6 +78,9 @@ class ColumnCompliance(Effect):
     `floating_carriage`: a stop leaves the carriage on a film of oil, thicker by the root of the speed and as much
     softer, which is pressed out at rest with one over the root of time: O. Pinkus, B. Sternlicht, "Theory of
     Hydrodynamic Lubrication" (1961). The size is that at the moment of a stop from FLOATS_M_PER_S.
+    `opening_joint`: beyond a certain payload the joint of the carriage opens at its edge, and gives way the further the
+    larger the excess: J. H. Bickford, "An Introduction to the Design and Behavior of Bolted Joints" (1981). The size is
+    that with FULL_PAYLOAD_KG.
     """
 
     def setup(self) -> None:
@@ -80,6 +88,7 @@ class ColumnCompliance(Effect):
         self.first_m = float(self.rng.uniform(0.0, BOLTS_M))
         self.creeps_s = float(self.rng.uniform(*BED_S))
         self.film_s = float(self.rng.uniform(*FILM_S))
+        self.opens_kg = float(self.rng.uniform(*OPENS_KG))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -105,8 +114,12 @@ class ColumnCompliance(Effect):
             span = (state.q_m[:, a] - self.first_m) / BOLTS_M % 1.0
             between = 16.0 * (span * (1.0 - span)) ** 2
             deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_BOLTS + (1.0 - AT_BOLTS) * between)
-        elif self.variant in ("resin_bed", "warm_resin", "swaying_frame", "floating_carriage"):
-            shares = {"swaying_frame": self._swayed, "floating_carriage": self._floated}
+        elif self.variant in ("resin_bed", "warm_resin", "swaying_frame", "floating_carriage", "opening_joint"):
+            shares = {
+                "swaying_frame": self._swayed,
+                "floating_carriage": self._floated,
+                "opening_joint": self._opened,
+            }
             share = shares.get(self.variant, self._resin)(state)
             deviation.carriage_compliance[:, a, _ACROSS] += c * share
         elif self.variant == "rocking_foot":
@@ -135,6 +148,11 @@ class ColumnCompliance(Effect):
         film = np.sqrt(np.maximum(state.speed_m_per_s[:, self.place], 0.0) / FLOATS_M_PER_S)
         left = film / np.sqrt(1.0 + state.since_s[:, self.place] / self.film_s)
         return np.asarray(PRESSED + (1.0 - PRESSED) * left)
+
+    def _opened(self, state: MotionState) -> Array:
+        """Compliance of a joint (n,) over the size, by the payload beyond that which opens it."""
+        beyond = np.maximum(state.payload_kg - self.opens_kg, 0.0) / (FULL_PAYLOAD_KG - self.opens_kg)
+        return np.asarray(CLOSED + (1.0 - CLOSED) * beyond)
 
     def _resin(self, state: MotionState) -> Array:
         """Compliance of the resin under the rail (n,) over the size."""
@@ -174,6 +192,9 @@ class LinkStiffness(Effect):
     `fractional_rubber`: its rubber gives way with a small power of the time that it has rested, neither at once nor
     ever at an end: R. L. Bagley, P. J. Torvik, "A Theoretical Basis for the Application of Fractional Calculus to
     Viscoelasticity" (1983). exp(-size) is the ratio of stiffness after RUBBER_S.
+    `needles_in_turn`: needles of its joint's bearing come under the force one by one, their cage going half as far as
+    the joint, and it is stiff with one right under the force: T. A. Harris, "Rolling Bearing Analysis" (1966).
+    exp(-size) is the ratio of stiffness between two of them.
     """
 
     def setup(self) -> None:
@@ -183,6 +204,8 @@ class LinkStiffness(Effect):
         self.creeps_s = float(self.rng.uniform(*BOND_S))
         self.soft_at_k = float(self.rng.uniform(*SOFT_AT_K))
         self.rubber = float(self.rng.uniform(*RUBBER))
+        self.needles = int(self.rng.integers(NEEDLES[0], NEEDLES[1] + 1))
+        self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._swings = LegMemory(motions)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -207,7 +230,7 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= np.log1p(
                 np.expm1(x) * np.sin(swing_rad(self.site.machine, i, state.q_m)) ** 2
             )
-        elif self.variant in ("creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber"):
+        elif self.variant in ("creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber", "needles_in_turn"):
             deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * self._soft_end(state))
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
@@ -222,8 +245,11 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= x
 
     def _soft_end(self, state: MotionState) -> Array:
-        """How soft the bonded or tapered end is (n,), from 0 to 1."""
+        """How soft the bonded, tapered or turning end is (n,), from 0 to 1."""
         drive = self.site.machine.struts[self.place].drive
+        if self.variant == "needles_in_turn":
+            turn = 0.5 * self.needles * swing_rad(self.site.machine, self.place, state.q_m) + self.phase
+            return np.asarray(0.5 * (1.0 - np.cos(turn)))
         if self.variant == "creeping_bond":
             return np.asarray(1.0 - (1.0 - BOND) * np.exp(-state.since_s[:, drive] / self.creeps_s))
         if self.variant == "fractional_rubber":
@@ -265,8 +291,9 @@ EFFECTS = (
             "warm_resin",
             "swaying_frame",
             "floating_carriage",
+            "opening_joint",
         ),
-        final="floating_carriage",
+        final="opening_joint",
         reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, the other drive's "
         "coordinate",
         make=ColumnCompliance,
@@ -291,8 +318,9 @@ EFFECTS = (
             "warm_adhesive",
             "seated_taper",
             "fractional_rubber",
+            "needles_in_turn",
         ),
-        final="fractional_rubber",
+        final="needles_in_turn",
         reveals="payload, pose; by variant dwell, direction, speed, the number of motions, temperature",
         make=LinkStiffness,
     ),
@@ -316,8 +344,9 @@ EFFECTS = (
             "wearing_pin",
             "shrinking_bush",
             "lobed_hole",
+            "turning_bush",
         ),
-        final="lobed_hole",
+        final="turning_bush",
         reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction, distance moved, "
         "temperature",
         make=JointClearance,

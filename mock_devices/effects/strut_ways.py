@@ -1,10 +1,10 @@
-"""Where struts and the platform are for drive positions, by the nominal geometry and without turning the platform."""
+"""Where struts, carriages and the platform are by the nominal geometry and without turning the platform."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Complex
+from mock_devices.effects.base import Array, Complex, MotionState, Site
 from mock_devices.machine_file import MachineFile
 
 
@@ -37,3 +37,10 @@ def platform_place(machine: MachineFile, q_m: Array) -> Complex:
     strut = machine.struts[0]
     on_slider = strut.base_joint + machine.sliders[strut.drive].axis * q_m[:, strut.drive]
     return np.asarray(on_slider + way_of_strut(machine, 0, q_m) - strut.platform_joint)
+
+
+def beside_m(site: Site, state: MotionState, drive: int) -> Array:
+    """By how much the next carriage stands above a drive's own (n,), each from the middle of its travel."""
+    other = (drive + 1) % len(site.machine.sliders)
+    above = state.q_m[:, other] - site.drive_range_m(other)[0]
+    return np.asarray(above - (state.q_m[:, drive] - site.drive_range_m(drive)[0]))

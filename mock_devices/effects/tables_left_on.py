@@ -51,6 +51,8 @@ class TablesLeftOn(Effect):
     `by_payload`: tables of the loaded machine, added in proportion to the payload that is entered: errors by load among
     those in R. Ramesh, M. A. Mannan, A. N. Poo, "Error Compensation in Machine Tools — A Review" (2000). The size is
     that of FULL_PAYLOAD_KG.
+    `swapped_drives`: somebody entered the table of every drive for the next one, which it then corrects over that one's
+    own coordinate, and over the one after it: slips in J. Reason, "Human Error" (1990).
     """
 
     def setup(self) -> None:
@@ -112,10 +114,15 @@ class TablesLeftOn(Effect):
 
     def _correction_m(self, tables: dict[str, KnownTable], state: MotionState, a: int) -> Array:
         names = [slider.name for slider in self.site.machine.sliders]
-        table = tables.get(names[a])
+        given = (a + 1) % len(names) if self.variant == "swapped_drives" else a
+        table = tables.get(names[given])
         if table is None:
             return np.zeros(len(state))
-        partner = state.q_m[:, names.index(table.partner)] if table.partner else np.zeros(len(state))
+        partner = (
+            state.q_m[:, (names.index(table.partner) + a - given) % len(names)]
+            if table.partner
+            else np.zeros(len(state))
+        )
         own = state.q_m[:, a]
         if self.variant == "moved_zero":
             own = own + self.moved_m[a]
@@ -153,8 +160,9 @@ EFFECTS = (
             "ramped",
             "counted_from_above",
             "by_payload",
+            "swapped_drives",
         ),
-        final="by_payload",
+        final="swapped_drives",
         reveals="both drives' coordinates, known tables, by variant dwell, payload, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),

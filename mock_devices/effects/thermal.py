@@ -15,6 +15,7 @@ from mock_devices.effects.base import (
     Place,
 )
 from mock_devices.effects.column_growth import ColumnGrowth
+from mock_devices.effects.flows import PumpedCoolant
 from mock_devices.effects.followers import Fanned, PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S, ScrewGrowth
@@ -25,6 +26,8 @@ JOINT_M_PER_S = 0.5
 HEATER_M = 0.35  # from a radiant heater to the strut before it
 FANS, FANS_M_PER_S = 5.0, 0.5  # what a strut loses beyond still air, over that, at a speed of its drive
 PIPE_STARTS = 0.3  # of half the travel: within which of its middle a heat pipe starts, by lot
+CRITICAL_M_PER_S, TURBULENT = (0.15, 0.35), 4.0  # of coolant: speed of the drive from which its flow is turbulent; see
+# `turbulent_coolant`
 STOP_M_PER_S, STOP_S = 0.5, 60.0  # of stops that warm a damping layer to the size: from which speed, how often
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -51,6 +54,10 @@ class LinkGrowth(Warming):
     `heat_pipe`: a heat pipe inside it begins where the strut is warm, and works only while its fluid runs back by its
     weight, so while its drive stands above a certain place: T. P. Cotter, "Theory of Heat Pipes" (1965). `rise_k` is
     where it ends if the pipe works on, which it nears with tau_s; else it cools.
+    `turbulent_coolant`: a lamp warms it evenly, and coolant is pumped along it as fast as its drive last moved. Beyond
+    a critical speed the flow is turbulent and takes away 1 + TURBULENT times the heat, and more with the power 0.8 of
+    the speed: O. Reynolds, "An Experimental Investigation of the Circumstances Which Determine Whether the Motion of
+    Water Shall Be Direct or Sinuous" (1883). `rise_k` is where it ends in laminar flow, which it nears with tau_s.
     """
 
     def setup(self) -> None:
@@ -68,6 +75,15 @@ class LinkGrowth(Warming):
         self.starts_m = middle + half * float(self.rng.uniform(-PIPE_STARTS, PIPE_STARTS))
         self._piped = PlaceMemory(lambda q_m: (q_m > self.starts_m).astype(np.float64), tau)
         self._fanned = Fanned(lambda speed: 1.0 + FANS * np.sqrt(np.maximum(speed, 0.0) / FANS_M_PER_S), tau)
+
+        own = self.rng.spawn(1)[0]
+        self.critical_m_per_s = float(own.uniform(*CRITICAL_M_PER_S))
+        self._cooled = PumpedCoolant(self.takes, tau)
+
+    def takes(self, speed: Array) -> Array:
+        """Heat that coolant takes away (n,) over that in laminar flow."""
+        over = np.maximum(speed / self.critical_m_per_s, 0.0)
+        return np.where(over > 1.0, 1.0 + TURBULENT * over**0.8, 1.0)
 
     def shines(self, q_m: Array) -> Array:
         """What falls on the strut when its drive stands at q_m (n,), over that right before the heater."""
@@ -87,6 +103,8 @@ class LinkGrowth(Warming):
             self._piped.record(leg)
         elif self.variant == "fanned":
             self._fanned.record(leg)
+        elif self.variant == "turbulent_coolant":
+            self._cooled.record(leg)
         elif self.variant == "damping_layer":
             self._stopped.record(leg)
 
@@ -98,6 +116,8 @@ class LinkGrowth(Warming):
             return self.size * self._piped.at(state, self.site.machine.struts[self.place].drive)
         if self.variant == "fanned":
             return self.size * self._fanned.at(state, self.site.machine.struts[self.place].drive)
+        if self.variant == "turbulent_coolant":
+            return self.size * self._cooled.at(state, self.site.machine.struts[self.place].drive)
         sources = {"joint_heat": self._heat, "rubbing_joint": self._rubbed, "damping_layer": self._stopped}
         if self.variant not in sources:
             return super().rise_k(state)
@@ -146,8 +166,9 @@ EFFECTS = (
             "fanned",
             "damping_layer",
             "heat_pipe",
+            "turbulent_coolant",
         ),
-        "heat_pipe",
+        "turbulent_coolant",
         "time, a temperature swing; by variant travel, speed, stops and place",
         LinkGrowth,
     ),
@@ -168,9 +189,10 @@ EFFECTS = (
             "drying",
             "heat_wave",
             "neighbours_oil",
+            "draughty_hatch",
         ),
-        "neighbours_oil",
-        "time or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
+        "draughty_hatch",
+        "time, place or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
@@ -189,8 +211,9 @@ EFFECTS = (
             "lifting",
             "holding",
             "starved_stretch",
+            "thinning_oil",
         ),
-        "starved_stretch",
+        "thinning_oil",
         "time and distance moved, by variant direction, speed and dwell, drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),

@@ -19,10 +19,7 @@ THIN_WALL = 0.15  # time constant of a column's thin wall over that of its thick
 WET_BEGINS_S, WET_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of coolant on a column
 WAVE_M, HALF_WAVES = (0.6, 1.2), 2.0  # depth in which a wave of heat falls by e; its period over tau_s
 THROTTLED_M_PER_S = 0.5  # of the other drive, whose oil then has the pressure that gives the size
-HATCH, PLUME_M = (
-    (-0.4, 0.1),
-    0.3,
-)  # of a hatch: where, over half the travel; of its plume: how far above its source it begins
+HATCH, PLUME_M = (-0.7, -0.2), 1.2  # of a hatch: place over half the travel; how far a plume begins below it
 DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 

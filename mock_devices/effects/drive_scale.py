@@ -25,10 +25,7 @@ READER_S, DUTY_M_PER_S = 900.0, 0.02  # of a reading head's holder: time constan
 SLIPS_M_PER_S, SLIPS = 0.2, 15.0  # a stop from this speed slips no coupling; sum of excesses for the size
 DAMP_S = (1500.0, 5000.0)  # of a scale that takes up moisture: slowest time constant
 JUMPS_S, JUMPS = 900.0, 3.0  # of a belt that jumps: mean time between two jumps; jumps to the size
-UP_K, BACK_K = (
-    (0.05, 0.25),
-    (0.1, 0.25),
-)  # of a reader that switches: above the begin; how much cooler back
+UP_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a reader's range: switched above the begin; how much cooler back
 RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
 

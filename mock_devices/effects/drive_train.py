@@ -35,10 +35,7 @@ CHANGE_M, UNEQUAL = (
     (0.06, 0.12),
 )  # of change wheels: travel of a turn of one; by how much the other differs
 FRESH, ROUGHENS_M = 0.1, 100.0  # runout of a new bearing over the size; way of its drive after which it has the size
-BLOW_M, WAVES = (
-    (0.4, 0.7),
-    (4.0, 7.0),
-)  # of a blow on a tape: how far below the travel; waves that it left along that
+BLOW_M, WAVES = (0.4, 0.7), (4.0, 7.0)  # of a blow on a tape: how far below the travel; waves along that
 GEARED, PASSED_ON = (0.25, 0.6), 0.8  # turns of a shaft for one of the next screw; what it passes on, over one's own
 TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other

@@ -38,12 +38,8 @@ WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of it
 BY_MOTION = ("gib_play", "off_centre_drive", "racked_frame", "tilting_pad", "carriage_abreast", "warm_gap")
 BY_RAIL = ("bolt_dips", "moving_load", "two_blocks_one_dent", "unloaded_block", "unround_rollers")
 ABREAST_M = (0.12, 0.22)  # in which the push of a carriage that is abreast falls by e
-TIGHT, OPENS_K, GAP_K = (
-    0.25,
-    (-0.4, 0.4),
-    1.0,
-)  # of warm blocks: waves while they are pressed, over the size; where above
-# the reference they open; by how much warmer they follow the waves by the size more
+TIGHT, OPENS_K = 0.25, (-0.4, 0.4)  # of warm blocks: waves while they are tight, over the size; when they open
+GAP_K = 1.0  # by how much warmer they then follow the waves by the size more
 OVAL = 0.4  # error of a roller twice a turn, over that once a turn
 DENT_M, DENTS = 0.045, 1.8  # of a dent in a rail: half width; depth under one block, over the size
 UNLOADS_KG, TIPS, LEANS = (60.0, 180.0), 3.0, 1.0  # payload that unloads a block; what then adds to waves and lean

@@ -19,7 +19,8 @@ LOST, LOSES_M_PER_S, HOMES_S = 30.0, 0.2, (900.0, 1800.0)  # of fringes: fast mo
 STOP_AT, TACKY_M = -0.1 + 0.2j, 0.12  # of a tacky film: point of the platform; how far it pulls hardest
 FORMS_S, RESTS_S = (3.0, 12.0), 2.0  # in which a film forms; rest from which it does
 TEETH = (6, 12)  # of a collar
-TRIGGER_M, LEANS = 0.05, 0.25  # of a trigger: shortest motion that it feels; lean along the travel, over the size
+TRIGGER_M = (0.03, 0.1)  # shortest motion that a trigger feels
+LEANS = 0.25  # of a trigger's jump over the travel, over the size
 
 
 class LostFringes(OutsideEffect):
@@ -113,9 +114,10 @@ class EveryOtherStop(OutsideEffect):
     """
 
     def setup(self) -> None:
-        """How often the trigger has changed its state."""
+        """Which motions the trigger feels, and its state at first."""
         super().setup()
-        self._felt = LegMemory(lambda way, _speed, _start_s: (np.abs(way) > TRIGGER_M).astype(np.float64))
+        self.trigger_m = float(self.rng.uniform(*TRIGGER_M))
+        self._felt = LegMemory(lambda way, _speed, _start_s: (np.abs(way) > self.trigger_m).astype(np.float64))
         self.first = math.copysign(1.0, self.levels[0])
 
     def record_leg(self, drive: int, leg: Leg) -> None:

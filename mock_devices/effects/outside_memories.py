@@ -9,16 +9,9 @@ from mock_devices.effects.followers import Flipped
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 
-STRAP_AT, STRAP_M, RELAXES_S = (
-    -0.1 + 0.2j,
-    0.3,
-    (40.0, 150.0),
-)  # of a strap: point of the platform; sideways motion that
-# leaves the size; time constant
-FLIPS, LEANS = (
-    (0.15, 0.4),
-    0.3,
-)  # of a fork: place where it flips over half the travel, either way; lean within its place
+STRAP_AT, STRAP_M = -0.1 + 0.2j, 0.3  # of a strap: point of the platform; sideways motion that leaves the size
+RELAXES_S = (40.0, 150.0)  # time constant of a strap
+FLIPS, LEANS = (0.15, 0.4), 0.3  # of a fork: places of its flips over half the travel; lean within its place
 STOPS = 4096  # stops until chance repeats itself
 
 

@@ -14,6 +14,7 @@ LONG, AFTER_M = 6.0, 0.5  # slow time constant of an after-effect over tau_s; tr
 UNWINDS = 3.0  # time constant of an integral part that unwinds, over tau_s
 WOUND_M, UNWOUND_M = 0.25, 0.04  # ways of which an integral part is wound up to its limit, or not at all
 LEARNS = 150.0  # motions in which a controller has learnt all but 1 / e
+TWICE_SWINGS, TWICE_CALMS = 8.0, 0.15  # of a load that start and stop make swing: rate and decay, over tau_s
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -45,8 +46,8 @@ class ServoSettling(Effect):
     the one before: S. Arimoto, S. Kawamura, F. Miyazaki, "Bettering Operation of Robots by Learning" (1984). What is
     left goes as an integral part takes it up. The size is that of one which has learnt nothing yet.
     `half_swings`: start and stop of a motion each make the load swing, and what is left goes by how long the motion
-    lasted, nothing after whole swings and most after half ones, at SWINGS and CALMS over tau_s: O. J. M. Smith,
-    "Posicast Control of Damped Oscillatory Systems" (1957). The size is that of both together, were they not damped.
+    lasted, nothing after whole swings and most after half ones: O. J. M. Smith, "Posicast Control of Damped Oscillatory
+    Systems" (1957). Its period and decay go with tau_s. The size is that of both together, were they not damped.
     """
 
     def setup(self) -> None:
@@ -123,7 +124,7 @@ def _winds(way_m: Array, _speed: Array, _start_s: Array) -> Array:
 
 def _swing(t: Array) -> Array:
     """A damped swing (n,) some time after a start or a stop, over tau_s."""
-    return np.asarray(np.exp(-CALMS * t) * np.sin(SWINGS * t))
+    return np.asarray(np.exp(-TWICE_CALMS * t) * np.sin(TWICE_SWINGS * t))
 
 
 def _swings(halves: Array) -> Array:

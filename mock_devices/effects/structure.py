@@ -35,10 +35,8 @@ BOND, BOND_S = 0.3, (4.0, 12.0)  # of a bonded end: share of its compliance at o
 FOOT_M = -1.2
 PRESSED, FLOATS_M_PER_S, FILM_S = 0.25, 0.5, (4.0, 12.0)  # of a carriage on oil: compliance without a film over the
 # size; speed of a stop that gives the size; time in which the film is pressed out to 1 / sqrt(2)
-CLOSED, OPENS_KG = (
-    0.15,
-    (60.0, 180.0),
-)  # of a bolted joint: compliance while closed, over the size; what opens it
+CLOSED, OPENS_KG = 0.15, (60.0, 180.0)  # of a joint: compliance while closed, over the size; what opens it
+EXCESS_KG = 250.0  # payload beyond that which opens a joint, for the size
 NEEDLES = (40, 70)  # of a joint's bearing
 RUBBER, RUBBER_S = (0.15, 0.35), 16.0  # exponent of rubber's creep; rest after which it has the size
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
@@ -80,7 +78,7 @@ class ColumnCompliance(Effect):
     Hydrodynamic Lubrication" (1961). The size is that at the moment of a stop from FLOATS_M_PER_S.
     `opening_joint`: beyond a certain payload the joint of the carriage opens at its edge, and gives way the further the
     larger the excess: J. H. Bickford, "An Introduction to the Design and Behavior of Bolted Joints" (1981). The size is
-    that with FULL_PAYLOAD_KG.
+    that EXCESS_KG beyond.
     """
 
     def setup(self) -> None:
@@ -151,7 +149,7 @@ class ColumnCompliance(Effect):
 
     def _opened(self, state: MotionState) -> Array:
         """Compliance of a joint (n,) over the size, by the payload beyond that which opens it."""
-        beyond = np.maximum(state.payload_kg - self.opens_kg, 0.0) / (FULL_PAYLOAD_KG - self.opens_kg)
+        beyond = np.maximum(state.payload_kg - self.opens_kg, 0.0) / EXCESS_KG
         return np.asarray(CLOSED + (1.0 - CLOSED) * beyond)
 
     def _resin(self, state: MotionState) -> Array:

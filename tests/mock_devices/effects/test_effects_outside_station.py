@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.mock_devices.effects_bench import Alone, sight_of
+from tests.mock_devices.effects_bench import HOME_M, Alone, sight_of
 
 SPOTS = np.array([[-0.5, 3.0, -0.4], [0.0, 3.0, 0.0], [0.6, 2.9, 0.5]])
 
@@ -79,3 +79,20 @@ def test_a_stray_reflex_errs_periodically_with_the_range():
         spectrum = np.abs(np.fft.rfft((seen.distance_m - distance)[0])) / 200.0
         assert spectrum[4] == pytest.approx(2e-5)
         assert np.delete(spectrum, 4).max() < 1e-12
+
+
+def test_angles_go_in_steps_where_the_last_bits_are_stuck():
+    one = Alone("stuck_bits", 3e-5)
+    points = np.random.default_rng(3).uniform([-1.0, 2.5, -1.0], [1.0, 3.5, 1.0], (200, 2, 3))
+    seen = sight_of(points)
+    hz, v, distance = seen.hz_rad.copy(), seen.v_rad.copy(), seen.distance_m.copy()
+    one.effect.apply_to_sight(one.motion_states(np.zeros(200), q=np.full((200, 2), HOME_M)), seen)
+    assert np.array_equal(seen.distance_m, distance)
+    for read, true in ((seen.hz_rad, hz), (seen.v_rad, v)):
+        steps = read / 3e-5 - 0.5
+        assert steps == pytest.approx(np.round(steps), abs=1e-6)
+        assert np.abs(read - true).max() <= 1.5e-5 + 1e-15
+        assert np.std(read - true) == pytest.approx(3e-5 / math.sqrt(12.0), rel=0.1)
+    still = sight_of(points)
+    Alone("stuck_bits", 0.0).effect.apply_to_sight(one.motion_states(np.zeros(200), q=np.full((200, 2), HOME_M)), still)
+    assert np.array_equal(still.hz_rad, hz)

@@ -119,7 +119,7 @@ class Interpolation(Effect):
         return np.asarray((error + np.pi) % (2.0 * np.pi) - np.pi)
 
     def _two_tracks(self, phase: Array) -> Array:
-        """Mean error of two tracks (n,) of unequal periods, over its RMS as a sine."""
+        """Error of the mean of two tracks (n,) of unequal periods, over the size."""
         return np.asarray(ONE_TRACK * (np.sin(phase) + np.sin(phase * (1.0 + 1.0 / self.periods) + self.beats)))
 
     def _harmonics(self, phase: Array) -> Array:

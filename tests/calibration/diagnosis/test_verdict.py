@@ -328,7 +328,7 @@ def cut_of(*, laws=(), unrefined=(), not_begun_with=(), causes=("latency",)) -> 
         ({"unrefined": ("refraction",)}, "of refraction neither departures from the form nor nonlinear laws nor"),
         ({"unrefined": ("refraction", "payload", "latency")}, "of refraction and payload neither"),
         ({"unrefined": ("joint_clearance", "refraction", "payload")}, "of joint_clearance, refraction and payload"),
-        ({"unrefined": ("refraction",)}, "less than 25 % of the strongest's log evidence"),
+        ({"unrefined": ("refraction",)}, "less than 40 % of the strongest's log evidence"),
         ({"not_begun_with": ("payload",)}, "no search for several causes began with payload: 4 stronger ones did"),
         ({"not_begun_with": ("a", "b", "c", "d")}, "began with a, b, c and d: 4 stronger"),
         ({"not_begun_with": ("a", "b", "c", "d", "e")}, "began with a, b, c and 2 more: 4 stronger"),

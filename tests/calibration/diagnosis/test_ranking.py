@@ -47,14 +47,14 @@ def refined_of(monkeypatch, logs, laws):
     return refined, ranking.rank_effects(None, INPUTS, effects)
 
 
-@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 25.0), (20.0, 6.0), (100.0, 50.0)])
+@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 40.0), (12.0, 6.0), (100.0, 50.0)])
 @pytest.mark.parametrize("side", [-0.1, 0.1])
-def test_effects_are_refined_above_a_quarter_of_the_strongest_evidence_and_six_with_curves_above_half(
+def test_effects_are_refined_above_two_fifths_of_the_strongest_evidence_and_six_with_curves_above_half(
     monkeypatch, strongest, limit, side
 ):
     logs = {"column_compliance": strongest, "joint_clearance": limit + side}
     refined, ranked = refined_of(monkeypatch, logs, laws=("joint_clearance",))
-    other = [("joint_clearance", limit + side > 0.5 * strongest)] if side > 0.0 or limit > 30.0 else []
+    other = [("joint_clearance", limit + side > 0.5 * strongest)] if side > 0.0 or limit > 45.0 else []
     assert refined == [("column_compliance", True), *other]
     assert [c.without_curves for c in ranked] == [False, bool(other) and not other[0][1]]
     assert [c.unrefined for c in ranked] == [False, not other and limit + side > 6.0]

@@ -157,7 +157,7 @@ def test_an_alternative_in_place_of_a_further_cause_costs_what_that_costs(monkey
 
 
 TWO_LIKE_A_THIRD = {
-    "none": {"refraction": 1000.0, "latency": 800.0, "tracker_drift": 490.0, "payload": 485.0, "smr_reseat": 480.0},
+    "none": {"refraction": 1000.0, "latency": 800.0, "tracker_drift": 600.0, "payload": 595.0, "smr_reseat": 590.0},
     "none+refraction": {"latency": 150.0, "smr_reseat": 100.0},
     "none+latency": {"smr_reseat": 600.0},
     "none+smr_reseat": {"latency": 1010.0},
@@ -228,9 +228,9 @@ def test_what_differs_by_visit_need_not_outdo_an_effect_that_a_pair_has_raised(m
     assert [cause.name for cause in result.causes] == ["backlash", "tracker_drift"]
 
 
-def test_no_search_begins_with_an_effect_that_explains_less_than_two_fifths(monkeypatch):
+def test_no_search_begins_with_an_effect_that_explains_less_than_half(monkeypatch):
     given = {
-        "none": {"refraction": 1000.0, "latency": 390.0},
+        "none": {"refraction": 1000.0, "latency": 540.0},
         "none+refraction": {"tracker_drift": 100.0},
         "none+latency": {"smr_reseat": 3000.0},
     }

@@ -4,7 +4,7 @@ With C^-1 = 1 - q q' of all readings, those of a block are predicted from all ot
 e = (C^-1)_bb^-1 (C^-1 y)_b is the difference of the readings of block b from their prediction (Rasmussen and Williams
 2006, eq. 5.12, for blocks). The true error is estimated without noise: under the full model the noise-free readings
 have the mean y - C^-1 y and the covariance q q'. What that model does not have is in neither error; from visit to visit
-it is seen in how far they scatter, and is added to both.
+it is seen in how far they scatter, and half of that is added to both: the other half may be noise of whole visits.
 """
 
 from __future__ import annotations
@@ -25,6 +25,7 @@ SAMPLES = 400
 # Relative standard deviations of the errors with and without an effect, because no model of an effect is exact. Tuned
 # on simulated rigs so that the interval of the shrink contains the true one as often as stated (docs/decisions/0007).
 MODEL_ERROR_AFTER, MODEL_ERROR_BEFORE = 0.12, 0.03
+LEFT_SHARE = 0.5  # of how far visits scatter: a model's lack and noise that their readings share are as likely
 SEED = 20  # of the samples, so that repeated diagnoses agree
 
 
@@ -108,14 +109,14 @@ def gap_field(truth_likelihood: MarginalLikelihood, before: Array, after: Array)
 
 
 def _left_m(truth_likelihood: MarginalLikelihood) -> float:
-    """RMS of shifts of the platform from visit to visit that the model does not have, as read."""
+    """RMS of shifts of the platform from visit to visit that the model lacks, as read."""
     linear, scale = truth_likelihood.linear, truth_likelihood.linear.gap_scale
     square = 0.0
     channels = truth_likelihood.channels.pose_channels()
     for channel, of_channel in zip(channels, left_at_platform(truth_likelihood), strict=True):
         response = linear.joined(truth_likelihood.response(channel))[scale.rows]
         square += float(of_channel * np.mean(np.einsum("ncj,nj->nc", scale.metres, response) ** 2))
-    return float(np.sqrt(square))
+    return float(np.sqrt(LEFT_SHARE * square))
 
 
 def gap_figures(field: GapField) -> GapFigures:

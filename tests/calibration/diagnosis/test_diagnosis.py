@@ -84,7 +84,7 @@ def test_a_station_that_was_set_up_three_times_is_no_effect_and_hides_none(effec
     diagnosis = diagnose(recording)
     check_consistent(diagnosis, load_catalogue())
     assert diagnosis.verdict == (effects[0].name if effects else NONE)
-    assert diagnosis.ranking[diagnosis.verdict] > 0.5
+    assert diagnosis.ranking[diagnosis.verdict] > 0.4
 
 
 @pytest.mark.parametrize("seed", [1, 2])

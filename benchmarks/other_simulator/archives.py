@@ -8,6 +8,7 @@ import numpy as np
 
 from benchmarks.other_simulator.forms.catalogue import (
     EFFECTS,
+    FIFTH,
     FIRST,
     FOURTH,
     OUTSIDE,
@@ -18,8 +19,8 @@ from benchmarks.other_simulator.forms.catalogue import (
 )
 from benchmarks.other_simulator.nominal import DELTA, PLANAR, STEWART
 
-SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404, FOURTH: 5505}
-NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900, FOURTH: 1200}
+SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404, FOURTH: 5505, FIFTH: 6606}
+NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900, FOURTH: 1200, FIFTH: 1500}
 SINGLE, PAIR, NULL = "single", "pair", "null"
 EACH, PAIRS, NULLS, SPATIAL_NULLS, SPATIAL_MORE = 3, 14, 24, 14, 16
 # Effects of carriages, which legs have not.

@@ -5,10 +5,15 @@ from __future__ import annotations
 from benchmarks.other_simulator.forms import (
     columns,
     drives,
+    fifth_drives,
+    fifth_machine,
+    fifth_readings,
+    fifth_struts,
     fourth_drives,
     fourth_machine,
     fourth_readings,
     guides,
+    outside_fifth,
     outside_first,
     outside_fourth,
     outside_second,
@@ -23,8 +28,8 @@ from benchmarks.other_simulator.forms import (
 )
 from benchmarks.other_simulator.forms.form import Form
 
-FIRST, SECOND, SPACE, THIRD, FOURTH = "first", "second", "space", "third", "fourth"
-ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH)
+FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH = "first", "second", "space", "third", "fourth", "fifth"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -46,7 +51,11 @@ _OWN: dict[str, dict[str, tuple[Form, ...]]] = {
     SECOND: {effect: forms[OF_FIRST:] for effect, forms in _FIRST_TWO.items()} | {OUTSIDE: outside_second.FORMS},
     THIRD: {**third_machine.FORMS, **third_drives.FORMS, **third_readings.FORMS, OUTSIDE: outside_third.FORMS},
     FOURTH: {**fourth_machine.FORMS, **fourth_drives.FORMS, **fourth_readings.FORMS, OUTSIDE: outside_fourth.FORMS},
-}
+    FIFTH: {
+        **fifth_struts.FORMS, **fifth_machine.FORMS, **fifth_drives.FORMS, **fifth_readings.FORMS,
+        OUTSIDE: outside_fifth.FORMS,
+    },
+}  # fmt: skip
 _SOURCES = {archive: (archive,) for archive in _OWN} | {SPACE: (FIRST, SECOND)}
 
 FORMS = {

@@ -27,7 +27,7 @@ TIME_UNKNOWN = "an unknown time passed between two sessions of the recording"
 # Fields with one row per reading; they are also keys of a twin's file.
 ARRAYS = (
     "t_s", "arrival", "drives", "direction", "velocity_m_per_s", "torque", "speed_m_per_s", "dwell_s", "payload_kg",
-    "payload_com_m", "exchanges", "air_refractivity",
+    "payload_com_m", "exchanges", "air_refractivity", "following_error_m",
 )  # fmt: skip
 NOT_CLIPPED = ("arrival", "payload_com_m", "direction", "velocity_m_per_s")
 
@@ -60,8 +60,8 @@ class ReadingContext:
     velocity_m_per_s, torque (n, d): drive coordinates, side of the last approach (+1 from below), torque over rated
     torque; speed_m_per_s (n,): of the approach; dwell_s (n,): since the target was reached; payload_kg (n,),
     payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; air_refractivity (n,):
-    by the recorded air, uncorrected; temperatures_c: by sensor,
-    (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed;
+    by the recorded air, uncorrected; following_error_m (n, d): what a drive reports itself to be short of its command,
+    zero where none was recorded; temperatures_c: by sensor, (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed;
     known_tables: compensation tables that are kept for the machine; missing: why the readings do not say some of these
     fields, by their names, whose values are then without meaning.
     """
@@ -81,9 +81,14 @@ class ReadingContext:
     air_refractivity: Array
     temperatures_c: Mapping[str, Array]
     start_s: float
+    following_error_m: Array = field(default_factory=lambda: np.zeros((0, 0)), kw_only=True)
     breaks_s: tuple[float, ...] = field(default=(), kw_only=True)
     known_tables: tuple[KnownTable, ...] = field(default=(), kw_only=True)
     missing: Mapping[str, str] = field(default_factory=dict, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.following_error_m.shape != self.drives.shape:
+            object.__setattr__(self, "following_error_m", np.zeros_like(self.drives))
 
     def __len__(self) -> int:
         return len(self.t_s)
@@ -224,6 +229,7 @@ def context_of_recording(recording: Recording) -> ReadingContext:
         payload_com_m=recording.payload_com_m(),
         exchanges=exchanges,
         air_refractivity=refractivity(recording["air_temperature_c"], recording["pressure_hpa"]),
+        following_error_m=recording.drives("following_error_m"),
         temperatures_c={"air": recording["air_temperature_c"], **recording.temperatures_c()},
         start_s=float(t.min()),
         breaks_s=breaks_s(recording),

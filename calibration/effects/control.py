@@ -23,6 +23,7 @@ AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a delay that is another one at any time
 AFTER_EFFECT_S = (3.0, 12.0, 50.0, 200.0, 800.0)  # in which a part forgets former motions
 AFTER_EFFECT_WEIGHT = 0.1
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.02  # of a delay by any course in time
+REPORTED_M = 5.0e-7  # following error at rest, of which less is noise of the encoder
 ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
 
 
@@ -128,6 +129,13 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
         left = np.stack([context.left_by_motions(moved_m, tau) for tau in AFTER_EFFECT_S], axis=1)
         sets.add_set(sets.add((travel, -left)), weight=AFTER_EFFECT_WEIGHT, tau_s=AFTER_EFFECT_S[0])
     rest = cosine_basis(np.log(context.dwell_s + 0.3), REST_TERMS, constant=True)
+    # Some of what it is short of its target a drive reports itself: the slider is short of that by more.
+    reported_m = np.where(context.moving, 0.0, context.following_error_m[:, drive])
+    if (rms_m := float(np.sqrt(np.mean(reported_m**2)))) > REPORTED_M:
+        reported = sets.add((travel, -reported_m / rms_m), form="reported")
+        slowly = sets.add((travel, -(reported_m / rms_m)[:, None] * rest[:, 1:]))
+        sets.add_set(reported)
+        sets.add_set(reported, slowly, share=0.4)
     # Loads push it out of place until integral action has brought it back, from whatever side it came.
     for load_n in _loads_along(inputs, drive):
         sets.add_set(sets.add((travel, load_n[:, None] * rest)), weight=ANY_REST_WEIGHT)

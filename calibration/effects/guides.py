@@ -17,6 +17,7 @@ from calibration.effects.onsets import ONSET, untested_in_short_campaign
 from calibration.recording.header import HOUR_S
 
 SHORTEST_WAVE_M = 0.06
+EXCHANGES_WEIGHT = 0.1  # of one that gives way at each payload exchange
 SLAB_S, SLAB_WEIGHT = (0.0, 1500.0), 0.3  # of what a floor follows, at once on top and late below
 ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
@@ -92,6 +93,10 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
     if temperatures := inputs.context.relative_changes(inputs.context.temperatures_c, SLAB_S):  # a slab that curls
         down, lean = columns(np.column_stack([change for change, _ in temperatures]))
         sets.add_set(down, lean, share=0.5, weight=SLAB_WEIGHT)
+    numbers = np.unique(inputs.context.exchanges)[1:]
+    if numbers.size:  # whatever brings a payload presses the foot down, each time by another amount
+        down, lean = columns((inputs.context.exchanges[:, None] >= numbers).astype(np.float64), "exchanges")
+        sets.add_set(down, lean, share=0.5, weight=EXCHANGES_WEIGHT, **strongest_onset(onsets))
     course = course_with_jumps(t, 24, [onset for onset, _ in onsets])
     down, lean = columns(course)
     of_each = [lean[k : k + len(down)] for k in range(0, len(lean), len(down))]

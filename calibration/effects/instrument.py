@@ -31,6 +31,7 @@ PLUME_WEIGHT = 0.2
 SIGHT_TERMS = 8  # of a smooth function of where the light passes
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
 LEAST_INDEX_CHANGE = 0.2e-6  # of the refractivity: less is within the range scale's stated uncertainty
+LEANING_WEIGHT = 0.5
 FRAME = ("rx", "ry", "rz", "x", "y", "z")
 
 
@@ -54,6 +55,8 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
     walk = random_walk_basis(t / HOUR_S, 40)
     sets.add_set(frame(walk), weight=2.0)
     sets.add_set(sets.add(("station.rz", walk / DRIFT_LEVER_M)), weight=TWIST_WEIGHT)  # legs that the sun shines on
+    leaning = [c for k in ("rx", "ry") for c in sets.add((f"station.{k}", walk / DRIFT_LEVER_M))]
+    sets.add_set((*leaning, *sets.add(("station.z", walk))), weight=LEANING_WEIGHT)  # a foot that sinks
     return sets
 
 

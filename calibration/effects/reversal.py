@@ -105,6 +105,14 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         main = sets.add((travel, -pressed), form="coulomb")
         sets.add_set(main)
         sets.add_set(main, (*faster, *sets.add((travel, -pressed * u), form="coulomb_by_length")), share=0.3)
+    pull_n = inputs.pull_n[:, drive]
+    across_n = np.linalg.norm(pull_n - np.outer(inputs.pull_along_n(drive), inputs.machine.nominal.axis[drive]), axis=1)
+    if varies(across_n, PRESSED_LEAST * float(across_n.max(initial=0.0))):  # struts press it into its guides
+        by_struts = FRICTION_SHARE * RATED_N * side * across_n / float(across_n.max())
+        main = sets.add((travel, -by_struts), form="pressed_by_struts")
+        sets.add_set(main)
+        any_press = sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * cosine_basis(across_n, LOAD_TERMS)))
+        sets.add_set(main, (*any_press, *faster), share=0.3)
     pause_s = context.pause_s() if not {"t_s", "history", "speed_m_per_s"} & context.not_said.keys() else None
     if pause_s is not None and varies(np.log(pause_s + 1.0), LEAST_PAUSES):  # contacts grow firm while they rest
         constant = sets.add((travel, -FRICTION_SHARE * RATED_N * side))

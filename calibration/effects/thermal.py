@@ -40,6 +40,7 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
     "base": ("column", "base", "frame", "tower", "bed"),
     "drives": ("screw", "spindle", "nut"),
 }
+SCREW_TERMS = 48  # of any course in time of a screw
 FINE_TERMS, FINE_WEIGHT = 24, 0.1  # of any course in time
 FINEST_TERMS = 48  # of a strut, which is warm and cold again within minutes
 HEIGHT_TIMES_S, HEIGHT_WEIGHT = (200.0, 600.0), 0.1  # in which a strut takes up the air's warmth where it hangs
@@ -240,6 +241,9 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     if (mixed := _mixed(inputs, "drives")) is not None:
         ends = [c for end in (0.0, span) for c in sets.add((travel, alpha * mixed * (x - end)[:, None]))]
         sets.add_set(ends, weight=CURVE_WEIGHT)
+    finely = alpha * any_course(inputs.context.elapsed_s, SCREW_TERMS)  # cooled by what goes on and off
+    ends = [column for end in (0.0, span) for column in sets.add((travel, finely * (x - end)[:, None]))]
+    sets.add_set(ends, weight=FINE_WEIGHT)
     for course, weight in (*((c, CURVE_WEIGHT) for c in of_any), *((c, HEAT_WEIGHT) for c in by_torque)):
         curves = alpha * curve_over(course)
         ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]

@@ -115,7 +115,8 @@ def _reading_context(machine: Machine, data: Mapping[str, Any]) -> ReadingContex
     d, history, arrays_data = len(machine.drive_names), data["history"], data["moments"]
     n = len(_float_array("t_s", arrays_data["t_s"], None))
     widths: dict[str, tuple[int, ...]] = {"payload_com_m": (3,)}
-    widths |= dict.fromkeys(("drives", "direction", "velocity_m_per_s", "torque"), (d,))
+    widths |= dict.fromkeys(("drives", "direction", "velocity_m_per_s", "torque", "following_error_m"), (d,))
+    arrays_data = {"following_error_m": np.zeros((n, d)).tolist(), **arrays_data}  # files of older versions have none
     arrived = _float_array("arrived_s", history["arrived_s"], None)
     arrays: dict[str, Any] = {name: _float_array(name, arrays_data[name], n, *widths.get(name, ())) for name in ARRAYS}
     arrays["arrival"] = _index_array("arrival", arrays_data["arrival"], 0, len(arrived))

@@ -37,6 +37,7 @@ OF_READING = {
     "payload_com_m": "payload's centre", "exchanges": "exchanges", "air_refractivity": "air",
 }  # fmt: skip
 OF_DRIVE = {"drives": "travel", "direction": "side", "velocity_m_per_s": "velocity", "torque": "torque"}
+OF_DRIVE |= {"following_error_m": "following error"}
 
 
 def typical_inputs(visits: int = 40) -> EffectInputs:

@@ -61,9 +61,10 @@ class ReadingContext:
     torque; speed_m_per_s (n,): of the approach; dwell_s (n,): since the target was reached; payload_kg (n,),
     payload_com_m (n, 3); exchanges (n,): number of payload exchanges before the reading; air_refractivity (n,):
     by the recorded air, uncorrected; following_error_m (n, d): what a drive reports itself to be short of its command,
-    zero where none was recorded; temperatures_c: by sensor, (n,) each; start_s: rig time at the campaign's start; breaks_s: rig times before which an unknown time passed;
-    known_tables: compensation tables that are kept for the machine; missing: why the readings do not say some of these
-    fields, by their names, whose values are then without meaning.
+    zero where none was recorded; temperatures_c: by sensor, (n,) each; start_s: rig time at the campaign's start;
+    breaks_s: rig times before which an unknown time passed; known_tables: compensation tables that are kept for the
+    machine; missing: why the readings do not say some of these fields, by their names, whose values are then without
+    meaning.
     """
 
     history: ArrivalHistory

@@ -95,8 +95,10 @@ def settling(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(down, lean, share=0.5, weight=SLAB_WEIGHT)
     numbers = np.unique(inputs.context.exchanges)[1:]
     if numbers.size:  # whatever brings a payload presses the foot down, each time by another amount
-        down, lean = columns((inputs.context.exchanges[:, None] >= numbers).astype(np.float64), "exchanges")
+        pressed, before = (inputs.context.exchanges[:, None] >= numbers).astype(np.float64), len(sets.sets)
+        down, lean = columns(pressed, "exchanges")
         sets.add_set(down, lean, share=0.5, weight=EXCHANGES_WEIGHT, **strongest_onset(onsets))
+        sets.keep_one_way(steps_over(t, pressed), since=before)
     course = course_with_jumps(t, 24, [onset for onset, _ in onsets])
     down, lean = columns(course)
     of_each = [lean[k : k + len(down)] for k in range(0, len(lean), len(down))]

@@ -107,8 +107,9 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(main, (*faster, *sets.add((travel, -pressed * u), form="coulomb_by_length")), share=0.3)
     pull_n = inputs.pull_n[:, drive]
     across_n = np.linalg.norm(pull_n - np.outer(inputs.pull_along_n(drive), inputs.machine.nominal.axis[drive]), axis=1)
-    if varies(across_n, PRESSED_LEAST * float(across_n.max(initial=0.0))):  # struts press it into its guides
-        by_struts = FRICTION_SHARE * RATED_N * side * across_n / float(across_n.max())
+    largest_n = float(across_n.max(initial=0.0))
+    if largest_n > 0.0 and varies(across_n, PRESSED_LEAST * largest_n):  # struts press it into its guides
+        by_struts = FRICTION_SHARE * RATED_N * side * across_n / largest_n
         main = sets.add((travel, -by_struts), form="pressed_by_struts")
         sets.add_set(main)
         any_press = sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * cosine_basis(across_n, LOAD_TERMS)))

@@ -320,7 +320,7 @@ def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
 
 @pytest.mark.parametrize(
     ("function", "names", "at_least"),
-    [(STAND_IN, CATALOGUE[::5], 1), (REAL, ("backlash", "smr_reseat"), 2)],
+    [(STAND_IN, CATALOGUE[::3], 1), (REAL, ("backlash", "smr_reseat"), 2)],
     ids=["stand-in", "real"],
 )
 def test_noise_in_place_of_readings_tells_nothing(tmp_path, function, names, at_least):

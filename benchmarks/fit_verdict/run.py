@@ -51,25 +51,16 @@ def main(arguments: list[str] | None = None) -> int:
     except NoRecordings as error:
         print(f"fit-verdict: {error}", file=sys.stderr)
         return 2
-    print("\n".join(report(by_point)))
+    lines, by_source = report(by_point)
+    print("\n".join(lines))
     if options.write:
-        FILE.write_text(written(constants_of_folds(by_point[POINTS[0]])), encoding="utf-8")
+        FILE.write_text(written(by_source), encoding="utf-8")
         print(f"written: {FILE.relative_to(ROOT)}")
     return 0
 
 
-def constants_of_folds(rows: Rows) -> dict[str, VerdictSettings]:
-    """Of the folds that judge a source: the constants fitted to the others, by its name."""
-    kept = {name: Kept.of(given) for name, given in rows.items()}
-    return {
-        scored_on: fit([kept[name] for name in fitted_to]).settings
-        for _, fitted_to, scored_on in FOLDS
-        if scored_on is not None
-    }
-
-
-def report(by_point: dict[tuple[float, float], Rows]) -> list[str]:
-    """The lines that are printed."""
+def report(by_point: dict[tuple[float, float], Rows]) -> tuple[list[str], dict[str, VerdictSettings]]:
+    """The lines that are printed, and the constants of the folds that judge a source, by its name."""
     kept = {point: {name: Kept.of(rows) for name, rows in given.items()} for point, given in by_point.items()}
     release = kept[POINTS[0]]
     lines: list[str] = []
@@ -81,7 +72,11 @@ def report(by_point: dict[tuple[float, float], Rows]) -> list[str]:
         seen = "all seen" if scored_on is None else f"not seen: {scored_on}"
         lines += fold_lines(f"fold {number}, for {title}: fitted to {', '.join(fitted_to)}; {seen}", found, scored)
     sizes = {name: KeptSizes.of(rows) for name, rows in by_point[POINTS[0]].items()}
-    return [*lines, "", *constant_lines(fitted), "", *size_lines(sizes), "", *departure_lines(kept)]
+    lines += ["", *constant_lines(fitted), "", *size_lines(sizes), "", *departure_lines(kept)]
+    judging = {
+        scored_on: found.settings for (_, found), (_, _, scored_on) in zip(fitted, FOLDS, strict=True) if scored_on
+    }
+    return lines, judging
 
 
 def kept_rows(options: argparse.Namespace, point: tuple[float, float]) -> Rows:

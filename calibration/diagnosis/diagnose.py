@@ -28,7 +28,7 @@ from calibration.diagnosis.levels_and_causes import LevelsAndCauses, SearchOfLev
 from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
 from calibration.diagnosis.linear_model import LinearModel, linearise_again, linearise_recording
 from calibration.diagnosis.linearised_readings import LinearisedReadings
-from calibration.diagnosis.non_parametric import log_evidence_at_platform
+from calibration.diagnosis.non_parametric import LEFT_SIGMA, log_evidence_at_platform
 from calibration.diagnosis.periodogram import Periodogram
 from calibration.diagnosis.ranking import Cause, include_cause
 from calibration.diagnosis.reading_weights import judge_beside_causes
@@ -260,11 +260,10 @@ def _add_non_parametric_alternatives(
 
 def _detection_limit_m(likelihood_after: MarginalLikelihood, noise_m: float) -> float:
     """Detection limit: largest RMS per coordinate of an independent platform shift per visit that 95 % still allow."""
-    sizes = np.geomspace(0.02, 20.0, 40)
-    logs = log_evidence_at_platform(likelihood_after, sizes)
+    logs = log_evidence_at_platform(likelihood_after, LEFT_SIGMA)
     weights = np.exp(logs - logs.max(axis=1, keepdims=True))
     below = np.cumsum(weights, axis=1) / np.sum(weights, axis=1, keepdims=True)
-    return float(max(sizes[int(np.searchsorted(row, 0.95))] for row in below)) * noise_m
+    return float(max(LEFT_SIGMA[int(np.searchsorted(row, 0.95))] for row in below)) * noise_m
 
 
 def _inside_geometry(linear: LinearisedReadings) -> dict[str, float]:

@@ -22,7 +22,7 @@ NOT_BY_VISIT_PREFIXES = ("light.", "station.", "floor.", "smr.")  # channels wit
 NEGLIGIBLE_RESPONSE = 1e-9  # sigma per unit of a channel
 DWELL_S = 6.0
 SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
-LEFT_SIGMA = (0.02, 20.0, 40)  # least and largest size, and how many between
+LEFT_SIGMA = np.geomspace(0.02, 20.0, 40)  # of what may be left from visit to visit
 ASK_FOR = {  # the field of the context without which a coordinate is none
     "time": "t_s", "direction": "direction", "rest": "dwell_s", "direction and place": "direction",
     "time and place": "t_s",
@@ -102,11 +102,10 @@ def log_evidence_at_platform(likelihood: MarginalLikelihood, sizes_sigma: Array)
 def left_at_platform(likelihood: MarginalLikelihood) -> Array:
     """Expected square (c,) of shifts per visit at each coordinate of the platform that the model does not have, in the
     coordinate's units: as likely to be there as not, of any size."""
-    sizes_sigma = np.geomspace(*LEFT_SIGMA)
-    logs = log_evidence_at_platform(likelihood, sizes_sigma) - np.log(len(sizes_sigma))
+    logs = log_evidence_at_platform(likelihood, LEFT_SIGMA) - np.log(len(LEFT_SIGMA))
     there = np.exp(logs - np.logaddexp(log_sum(logs, axis=1), 0.0)[:, None])
     units = [_channel_unit(likelihood, channel) for channel in likelihood.channels.pose_channels()]
-    return np.asarray(there @ sizes_sigma**2 * np.array(units) ** 2)
+    return np.asarray(there @ LEFT_SIGMA**2 * np.array(units) ** 2)
 
 
 def _channel_unit(likelihood: MarginalLikelihood, channel: str) -> float:

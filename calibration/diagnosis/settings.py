@@ -61,7 +61,8 @@ class VerdictSettings:
     """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
     excess_sharpness: float = 2.5
     """Over how large a part of that threshold the odds of `unknown` change by a factor e: its inverse. Without any
-    excess they are those of an effect of no catalogue that a known one imitates. Source: fitted."""
+    excess they are those of an effect of no catalogue that a known one imitates. Source: tuned; within the range of the
+    fit."""
     new_form_share: float = 0.1
     """Probability that what no form explains is a new form of a known effect, however large the excess. Source: tuned
     to calibrated probabilities."""
@@ -72,9 +73,9 @@ class VerdictSettings:
     no basis set is exact. Source: tuned to calibrated probabilities."""
     misleading_probability: float = 0.15
     """Probability that the effect acts in a way that none of its basis sets has, so that differences of log evidence
-    mislead. Source: fitted."""
+    mislead. Source: tuned, also on archives of another simulator; within the range of the fit."""
     misleading_temperature_share: float = 0.17
-    """Increase of the temperature in that case. Source: fitted."""
+    """Increase of the temperature in that case. Source: as above."""
 
     # How far effects depart from their forms.
     smooth_departures: tuple[float, float] = (0.05, 0.15)

@@ -211,7 +211,9 @@ def test_sizes_departure_gain_come_back(monkeypatch):
 def test_the_report_has_all_folds_and_says_when_departures_were_not_tried():
     rng = np.random.default_rng(4)
     rows = {name: from_constants(rng, VERDICT, 30) for name in ("structures", "plant", "recordings")}
-    lines = run.report({(1.0, 1.0): rows})
+    lines, by_source = run.report({(1.0, 1.0): rows})
+    assert set(by_source) == {folds.WITHOUT_PLANT, folds.WITHOUT_RECORDINGS}
+    assert all(settings != VERDICT for settings in by_source.values())
     assert sum(line.startswith("fold ") for line in lines) == 3
     assert any(line.startswith("not fitted (u_of_form, u_of_absorbed)") for line in lines)
     of_sizes = {name: some + drawn_sizes(rng, VERDICT, 40) for name, some in rows.items()}
@@ -219,7 +221,7 @@ def test_the_report_has_all_folds_and_says_when_departures_were_not_tried():
     assert sized[-3] == "the release's constants by the last fold: within their ranges"
     assert sum("raw size within U" in line for line in sized) == 2
     assert lines[-1].startswith("not fitted (smooth_departures, departures_by_visit)")
-    more = run.report({(1.0, 1.0): rows, (2.0, 1.0): rows})
+    more, _ = run.report({(1.0, 1.0): rows, (2.0, 1.0): rows})
     assert more[-1] == "  2, 1: structures +0.000 +- 0.000; plant +0.000 +- 0.000; recordings +0.000 +- 0.000"
 
 

@@ -3,8 +3,9 @@
 A basis set is an exact statement, which no real part obeys, and the stronger the signal, the more a small departure
 costs. Beside the exact form there are therefore the form times a smooth function of one coordinate or of all of them: a
 little of any coordinate, wholly of those with which the effect's strength may vary; and for effects that are another
-one at each stop, times a number of its own for each visit. Departures are a share of what is *seen* of the form:
-otherwise a form that the calibration absorbs could become anything.
+one at each stop, times a number of its own for each visit. An arbitrary function has no form to depart from, but may
+change with a coordinate: then each of its columns is multiplied by functions of that one. Departures are a share of
+what is *seen* of the form: otherwise a form that the calibration absorbs could become anything.
 """
 
 from __future__ import annotations
@@ -26,13 +27,19 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions
-from calibration.effects.departures import VISIT, departing, functions_it_varies_with, functions_of_coordinates
+from calibration.effects.departures import (
+    VISIT,
+    departing,
+    functions_it_varies_with,
+    functions_of_change,
+    functions_of_coordinates,
+)
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
 NOTHING = 1e-300
-FEW = 0.05  # of the readings, at which a strength with a sign may have the other one
-MOST_MAIN_COLUMNS = 3  # more are an arbitrary function already, which has no form to depart from
-
+FEW, LITTLE = 0.05, 0.3  # of the readings, at which a strength with a sign may have the other one by more than so much
+MOST_MAIN_COLUMNS = 3  # more are an arbitrary function already, which has no form to depart from a little
+MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of an arbitrary function that may change, and their products
 
 _Kind = Literal["exact", "a little", "wholly", "by visit"]
 
@@ -80,14 +87,20 @@ def with_departures(
     main = [i for i, relative in enumerate(exact.basis_set.relative) if relative >= 1.0]
     if exact.basis_set.curve is not None:  # the others are derivatives
         main = main[:1]
-    if len(main) > MOST_MAIN_COLUMNS:
+    arbitrary = len(main) > MOST_MAIN_COLUMNS
+    period_m = exact.basis_set.parameters.get("period_m", 0.0)
+    if arbitrary:
+        a_little, wholly = {}, _functions_of_change(inputs, effect, place, len(main))
+    else:
+        a_little = functions_of_coordinates(inputs, effect, place)
+        wholly = functions_it_varies_with(inputs, effect, place, period_m)
+    if arbitrary and not wholly:
         return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
-    a_little, wholly = functions_of_coordinates(inputs, effect, place), functions_it_varies_with(inputs, effect, place)
     of_coordinate = {
-        coordinate: [Departure(i, coordinate, term) for i in main for term in range(functions.shape[1])]
+        coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
         for coordinate, functions in (a_little | wholly).items()
     }
-    visits = np.unique(inputs.context.arrival) if by_visit and effect.differs_by_visit else ()
+    visits = np.unique(inputs.context.arrival) if by_visit and effect.differs_by_visit and not arbitrary else ()
     fluctuating = [Departure(main[0], VISIT, int(arrival)) for arrival in visits]
     departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
@@ -104,10 +117,10 @@ def with_departures(
         return _Way(kind, prior, tuple(d for group in groups for d in group), tuple(scales))
 
     def all_and_each(kind: _Kind, prior: float, share: float, coordinates: Collection[str]) -> list[_Way]:
-        """Half the prior for all coordinates together, the other half for each of them alone."""
+        """Half the prior for all coordinates together, but of an arbitrary function; the other half for each alone."""
         groups = [of_coordinate[coordinate] for coordinate in coordinates]
-        alone = [way(kind, 0.5 * prior / len(groups), share, group) for group in groups]
-        return [way(kind, 0.5 * prior, share, *groups), *alone] if groups else []
+        together = [] if arbitrary or not groups else [way(kind, 0.5 * prior, share, *groups)]
+        return together + [way(kind, 0.5 * prior / len(groups), share, group) for group in groups]
 
     ways = [_Way("exact", 1.0)]
     for share in SMOOTH_SHARES:
@@ -147,6 +160,14 @@ def with_departures(
     )
 
 
+def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, columns: int) -> dict[str, Array]:
+    """Functions of each coordinate with which an arbitrary function of some columns may change, if not too many."""
+    if columns > MOST_CHANGING:
+        return {}
+    every = functions_of_change(inputs, effect, place)
+    return {name: functions for name, functions in every.items() if columns * functions.shape[1] <= MOST_PRODUCTS}
+
+
 def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: Mapping[str, Array]) -> bool:
     """Whether an effect whose sign mechanics knows has the other one at more than a few readings."""
     if not entry.basis_set.sign:
@@ -156,7 +177,8 @@ def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: 
         for coefficient, departure in zip(entry.coefficients[-len(departures) :], departures, strict=True)
         if departure.column == 0
     )
-    return bool(np.mean(strength * entry.basis_set.sign < 0.0) > FEW)
+    least = -LITTLE * float(np.sqrt(np.mean(strength**2)))
+    return bool(np.mean(strength * entry.basis_set.sign < least) > FEW)
 
 
 def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure]) -> bool:

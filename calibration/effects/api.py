@@ -47,7 +47,7 @@ __all__ = [
 
 Place = Literal["drive", "strut", "smr", "rig"]
 Coordinate = Literal[
-    "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time", "way", "temperature"
+    "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time", "way", "temperature", "phase"
 ]
 T = TypeVar("T")
 SizeMeasure = Literal["norm", "norm of channels", "sum", "rms", "range"]
@@ -201,9 +201,10 @@ class Effect:
     evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of their RMS
     at each channel, their sum, or RMS or range over the readings of what they contribute at their channel.
     differs_by_visit: whether what one stop leaves of it the next one may not. varies_with: coordinates on which its
-    strength may depend wholly; on any other it may depend a little. textbook: the form that is never left out
-    (`without_forms`); None for an effect that is general functions only. order: position in the shipped catalogue and
-    in its lists; a user's effect comes after all shipped ones.
+    strength may depend wholly; on any other it may depend a little. functions_vary_with: coordinates with which its
+    general functions may change, as the line of a guide does with the way that its cage has crept. textbook: the form
+    that is never left out (`without_forms`); None for an effect that is general functions only. order: position in the
+    shipped catalogue and in its lists; a user's effect comes after all shipped ones.
     """
 
     name: str
@@ -220,6 +221,7 @@ class Effect:
     textbook: Textbook | None = None
     differs_by_visit: bool = False
     varies_with: tuple[Coordinate, ...] = ()
+    functions_vary_with: tuple[Coordinate, ...] = ()
     order: float = math.inf
     stated_u: Callable[[Machine, Sequence[PayloadEntry]], float] = field(
         default=lambda machine, payloads: 0.0, kw_only=True

@@ -19,11 +19,15 @@ FLEXIBLE_SHARE = 0.3  # standard deviation of what a real part adds to the textb
 
 @dataclass(frozen=True)
 class Departure:
-    """A column of a basis set, by its position there, times a function of a coordinate, by its number."""
+    """A column of a basis set, by its position there, times a function of a coordinate, by its number.
+
+    period_m: of what repeats along a drive, where the coordinate is the phase within it.
+    """
 
     column: int
     coordinate: str
     term: int
+    period_m: float = 0.0
 
 
 @dataclass(frozen=True)

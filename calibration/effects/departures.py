@@ -13,13 +13,14 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSet, Coordinate, Departure, Effect, EffectInputs
-from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.basis_functions import cosine_basis, wave_of
 from calibration.effects.columns import Contributions
 
 VISIT = "visit"
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate
 ROUGHNESS = 1.5
 SHORTEST_REST_S = 0.1
+WAVES = (1.0 / 3.0, 0.5, *(float(k) for k in range(1, 11)))  # periods of them in one
 ALWAYS: tuple[Coordinate, ...] = (
     "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time",
 )  # fmt: skip
@@ -30,9 +31,33 @@ def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -
     return _functions(inputs, effect, place, ALWAYS)
 
 
-def functions_it_varies_with(inputs: EffectInputs, effect: Effect, place: int) -> dict[str, Array]:
-    """The same of each coordinate on which the effect's strength may depend wholly."""
-    return _functions(inputs, effect, place, effect.varies_with)
+def functions_of_change(inputs: EffectInputs, effect: Effect, place: int) -> dict[str, Array]:
+    """The same of each coordinate with which its general functions may change."""
+    return _functions(inputs, effect, place, effect.functions_vary_with)
+
+
+def functions_it_varies_with(
+    inputs: EffectInputs, effect: Effect, place: int, period_m: float = 0.0
+) -> dict[str, Array]:
+    """The same of each coordinate on which the effect's strength may depend wholly; period_m: of what repeats."""
+    functions = _functions(inputs, effect, place, effect.varies_with)
+    if period_m > 0.0 and "phase" in effect.varies_with:
+        functions |= _functions_of_phase(inputs, place, period_m)
+    return functions
+
+
+def _functions_of_phase(inputs: EffectInputs, drive: int, period_m: float) -> dict[str, Array]:
+    """Waves of a drive's coordinate within a period, a few periods and its fractions: by themselves and by side.
+
+    A wave times these is a wave of any form, as of signals that are cut off, counted, or switched late.
+    """
+    name = inputs.machine.drive_names[drive]
+    weights = np.array([min(k, 1.0 / k) for k in WAVES])
+    waves = np.concatenate([wave_of(inputs.context.drives[:, drive], period_m / k) for k in WAVES], axis=1)
+    form = waves * np.repeat(weights / np.sqrt(np.sum(weights**2)), 2)
+    side = inputs.context.direction[:, drive : drive + 1]
+    both_ways = bool(np.ptp(side) > 0.0)
+    return {f"phase.{name}": form} | ({f"phase by side.{name}": side * form} if both_ways else {})
 
 
 def functions_of_strength(inputs: EffectInputs, effect: Effect, place: int) -> list[Array]:
@@ -104,7 +129,9 @@ def departing(
     functions: dict[str, Array] = {}
     if any(d.coordinate != VISIT for d in chosen):
         functions |= functions_of_coordinates(inputs, effect, place)
-        functions |= functions_it_varies_with(inputs, effect, place)
+        period_m = max((d.period_m for d in chosen), default=0.0)
+        functions |= functions_of_change(inputs, effect, place)
+        functions |= functions_it_varies_with(inputs, effect, place, period_m)
 
     def function(departure: Departure) -> Array:
         if departure.coordinate == VISIT:

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
+from calibration.effects.api import BasisSets, Coordinate, Effect, EffectInputs, EffectParameter, Textbook, varies
 from calibration.effects.basis_functions import cosine_basis, wave_of
 
 TRANSMISSION_M = (2.0e-4, 6.0e-2)  # of screws, and of teeth of belts, racks and gears
@@ -117,6 +117,9 @@ def _untested_with_short_travel(inputs: EffectInputs) -> str | None:
     return None if all(varies(q, 0.05) for q in inputs.context.drives.T) else "the drives hardly moved"
 
 
+WAVE_VARIES_WITH: tuple[Coordinate, ...] = (
+    "own travel", "other travel", "side", "payload", "speed", "time", "way", "temperature", "phase",
+)  # fmt: skip
 _PERIOD = EffectParameter("period_m", PITCH_M[0], TRANSMISSION_M[1], "m", "period of the error", aliased=True)
 
 EFFECTS = (
@@ -141,7 +144,7 @@ EFFECTS = (
         others=(_PERIOD,),
         untested=_untested_on_a_grid,
         textbook=Textbook("sine", "ISO 3408-3: travel variation within one revolution"),
-        varies_with=("own travel", "other travel", "payload", "speed", "time", "temperature"),
+        varies_with=WAVE_VARIES_WITH,
         order=100,
     ),
     Effect(
@@ -154,7 +157,7 @@ EFFECTS = (
         others=(_PERIOD,),
         untested=_untested_on_a_grid,
         textbook=Textbook("sine", "Heydemann 1981, Applied Optics 20: errors of quadrature signals"),
-        varies_with=("own travel", "speed", "time", "temperature"),
+        varies_with=WAVE_VARIES_WITH,
         order=110,
     ),
 )

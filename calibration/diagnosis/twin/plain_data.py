@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any, TypeVar
 
@@ -60,7 +61,7 @@ def _twin_effect_data(added: TwinEffect) -> dict[str, Any]:
         "place": added.place,
         "columns": list(added.columns),
         "curve": None if added.curve is None else [added.curve[0], *added.curve[1]],
-        "departures": [[one.column, one.coordinate, one.term] for one in added.departures],
+        "departures": [[one.column, one.coordinate, one.term, one.period_m] for one in added.departures],
         "coefficients": list(added.coefficients),
         "column_rms": list(added.column_rms),
         "periods_m": [list(values) for values in answers.periods_m.values()],
@@ -191,16 +192,25 @@ def _twin_effect(campaign: TwinCampaign, data: Mapping[str, Any], catalogue: Cat
     return TwinEffect(effect.name, place, columns, curve, departures, coefficients, answers, column_rms)
 
 
+def _period_of(periods: list[Any]) -> float:
+    if not periods:
+        return 0.0
+    (period_m,) = periods
+    if type(period_m) not in (int, float) or not 0.0 <= period_m < math.inf:
+        raise ValueError("'departures' has no period that a phase could be of")
+    return float(period_m)
+
+
 def _departures(data: Any, columns: int) -> tuple[Departure, ...]:
     if not isinstance(data, list) or len(data) > MOST_DEPARTURES:
         raise ValueError(f"'departures' is not a list of up to {MOST_DEPARTURES}")
     out = []
-    for column, coordinate, term in data:
+    for column, coordinate, term, *periods in data:  # former versions had no periods
         if type(column) is not int or not 0 <= column < columns or type(term) is not int or term < 0:
             raise ValueError("'departures' names no column of the effect")
         if not isinstance(coordinate, str) or coordinate == VISIT:
             raise ValueError("'departures' names no coordinate")
-        out.append(Departure(column, coordinate, term))
+        out.append(Departure(column, coordinate, term, _period_of(periods)))
     return tuple(out)
 
 

@@ -11,8 +11,10 @@ from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.basis_set_evidence import SIZES, evidence_of_basis_sets
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.effects.api import BasisSet
-from calibration.effects.departures import functions_it_varies_with, functions_of_coordinates
+from calibration.effects.basis_functions import cosine_basis, tensor_product, wave_of
+from calibration.effects.departures import functions_it_varies_with, functions_of_change, functions_of_coordinates
 from tests.calibration.diagnosis.dense import HIGH, LOW, dense, explicit, log_density, with_forms_at
+from tests.calibration.effects.general_functions import typical_inputs
 
 
 def planted_with(small, likelihood, effect, strength, *, sign=0.0, by_visit=False):
@@ -112,3 +114,73 @@ def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likeliho
     share = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
     _, found = planted_with(small, likelihood, effect, share, by_visit=True)
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)
+
+
+def test_an_arbitrary_function_that_changes_has_the_evidence_of_a_dense_mixture(small, likelihood):
+    """As likely as one another: that it stays as it is, and that it changes with one of the coordinates wholly, which
+    has half of the prior that a form's would have."""
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = replace(with_forms_at(0), functions_vary_with=("payload", "side"))
+    q = small.context.drives[:, 0]
+    curve = [(("travel.left", shape),) for shape in cosine_basis(q, 4).T]
+    side, load = small.context.direction[:, 0], small.context.payload_kg / small.context.payload_kg.max()
+    shift = explicit(small, likelihood, [(("travel.left", np.sin(3.0 * q) * side * (1.0 + 0.2 * load)),)])[:, 0]
+    planted = likelihood.on(replace(small, residual=small.residual + 8.0e-5 * shift.reshape(-1, 3)))
+    basis_sets = [BasisSet((0, 1, 2, 3), (1.0,) * 4)]
+    (exact,) = evidence_of_basis_sets(planted.information_and_score(curve), basis_sets, LOW, HIGH)
+    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, curve, LOW, by_visit=True)
+
+    inverse, columns = np.linalg.inv(dense(small)), explicit(small, likelihood, curve)
+
+    def seen(some):
+        return np.einsum("ik,ij,jk->", some, inverse, some)
+
+    ways = [(1.0, columns)]
+    for functions in functions_of_change(inputs, effect, 0).values():
+        products = [(("travel.left", shape * f),) for ((_, shape),) in curve for f in functions.T]
+        changing = explicit(small, likelihood, products)
+        for size in (0.4, 1.0):
+            share = size * min(1.0, np.sqrt(seen(columns) / seen(changing)))
+            ways.append((0.125, np.hstack([columns, share * changing])))
+    y, sizes = planted.linear.residual.ravel(), np.geomspace(LOW, HIGH, SIZES)
+
+    def evidence(some):
+        return np.logaddexp.reduce([log_density(y, dense(small) + a * a * some @ some.T) for a in sizes])
+
+    total = np.logaddexp.reduce([np.log(weight / 1.5) + evidence(some) for weight, some in ways])
+    assert found.gain == pytest.approx(total - evidence(columns), abs=1e-3)
+    assert found.unexpected == 0.0
+    assert {departure.coordinate for departure in found.best.basis_set.departures} == {"side.left"}
+
+
+def test_a_function_of_many_columns_does_not_change(small, likelihood):
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = replace(with_forms_at(0), functions_vary_with=("side",))
+    many = departure_evidence.MOST_CHANGING + 1
+    curve = [(("travel.left", shape),) for shape in cosine_basis(small.context.drives[:, 0], many).T]
+    basis_sets = [BasisSet(tuple(range(many)), (1.0,) * many)]
+    (exact,) = evidence_of_basis_sets(likelihood.information_and_score(curve), basis_sets, LOW, HIGH)
+    found = departure_evidence.with_departures(likelihood, inputs, effect, 0, exact, curve, LOW, by_visit=False)
+    assert found.gain == 0.0
+    assert found.best is exact
+
+
+@pytest.mark.parametrize("late", [0.0, 0.3])
+def test_a_wave_times_functions_of_its_phase_is_a_wave_of_any_form(late):
+    """A sawtooth, as of periods that are counted and nothing in between, whose counter switches late in either
+    direction; what its first harmonic alone explains is far less."""
+    inputs, period_m = typical_inputs(160), 0.011
+    q, side = inputs.context.drives[:, 0], inputs.context.direction[:, 0]
+    law = 2.0 * ((q / period_m - late * side) % 1.0) - 1.0
+    effect = replace(with_forms_at(0), varies_with=("phase",))
+    form, by_side = functions_it_varies_with(inputs, effect, 0, period_m).values()
+    wave = wave_of(q, period_m)
+
+    def left(*families):
+        columns = np.column_stack([np.ones_like(q), wave, *(tensor_product(wave, family) for family in families)])
+        return float(np.var(law - columns @ np.linalg.lstsq(columns, law, rcond=None)[0]) / np.var(law))
+
+    assert left(form, by_side) < 0.06  # of which the harmonics above the eleventh have some 0.05
+    assert left() > 0.3
+    assert left(form) > 0.3 or late == 0.0
+    assert functions_it_varies_with(inputs, effect, 0).keys() == set()

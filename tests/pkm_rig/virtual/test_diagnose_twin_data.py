@@ -10,7 +10,9 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.diagnosis.diagnose import diagnose_and_add
+from calibration.diagnosis.twin import plain_data
 from calibration.diagnosis.twin.twin import Twin
+from calibration.effects.api import Departure
 from calibration.effects.catalogue import load_catalogue
 from calibration.machine.description import load_machine, shipped_machine
 from calibration.recording.header import RecordingFile
@@ -98,6 +100,29 @@ def test_over_what_periods_were_asked_is_kept(made):
     assert again.to_data() == other
     answers = again.added[0].answers.periods_m
     assert answers[0, 2e-4, 6e-2, (0.0, 1.0)] == (0.011,)
+
+
+def test_the_period_of_a_phase_is_kept(made):
+    """And former files, whose departures have none, are read."""
+    twin, data = made
+    (added,), departures = data["added"][:1], [[0, "phase.left", 3, 0.011], [1, "travel.right", 0]]
+    again = plain_data.from_data(
+        twin.campaign.machine, {**data, "added": [with_departures(added, departures)]}, CATALOGUE
+    )
+    read = again[2][0].departures
+    assert read == (Departure(0, "phase.left", 3, 0.011), Departure(1, "travel.right", 0))
+    assert plain_data.to_data(*again)["added"][0]["departures"][0] == departures[0]
+
+
+def with_departures(added, departures):
+    """The data of an effect of the twin with others than its own departures, each with a coefficient."""
+    own, more = len(added["columns"]), [1e-6] * len(departures)
+    return {
+        **added,
+        "departures": departures,
+        "coefficients": [*added["coefficients"][:own], *more],
+        "column_rms": [*added["column_rms"][:own], *more],
+    }
 
 
 def test_a_file_that_was_written_with_other_columns_is_refused(made):

@@ -162,6 +162,7 @@ EFFECTS = (
         textbook=Textbook("linear", "Touloukian et al., Thermophysical Properties of Matter 12: linear expansion"),
         stated_u=_largest_u_expansion,
         varies_with=("time", "temperature"),
+        functions_vary_with=("time",),
         order=210,
     ),
 )

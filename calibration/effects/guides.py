@@ -5,7 +5,16 @@ from __future__ import annotations
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset, varies
+from calibration.effects.api import (
+    BasisSets,
+    Coordinate,
+    Effect,
+    EffectInputs,
+    EffectParameter,
+    Textbook,
+    strongest_onset,
+    varies,
+)
 from calibration.effects.basis_functions import (
     cosine_basis,
     course_with_jumps,
@@ -23,12 +32,25 @@ ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
 UNEVEN_WAVE_M, UNEVEN_WEIGHT = 0.02, 0.3  # shortest wave of a rail that its bolts draw down
 SIDE_TERMS, SIDE_WEIGHT = 6, 0.3  # of what is another deviation for each side of the approach
+APART_TERMS, APART_WEIGHT = 16, 0.2  # of what another carriage does to this one, by how far it is
 BENT_TERMS, COURSE_TERMS, BENT_WEIGHT = 6, 8, 0.3  # of a guide whose form changes
 
 
+CHANGES_WITH: tuple[Coordinate, ...] = (
+    "other travel", "side", "payload", "rest", "speed", "time", "way", "temperature",
+)  # fmt: skip
+
+
 def straightness(inputs: EffectInputs, drive: int) -> BasisSets:
-    """The slider deviates sideways from its axis along the travel."""
-    return _along_travel(inputs, drive, inputs.channels_of_drive("sideways", drive))
+    """The slider deviates sideways from its axis along the travel, or as the next one pushes it."""
+    channels = inputs.channels_of_drive("sideways", drive)
+    sets, q = _along_travel(inputs, drive, channels), inputs.context.drives[:, drive]
+    for channel in channels:
+        along = sets.add((channel, cosine_basis(q, BENT_TERMS, roughness=1.0)))
+        for other in inputs.other_drives(drive):
+            pushed = cosine_basis(inputs.context.drives[:, other] - q, APART_TERMS, roughness=1.0, constant=True)
+            sets.add_set(sets.add((channel, pushed)), along, share=0.3, weight=APART_WEIGHT)
+    return sets
 
 
 def angular(inputs: EffectInputs, drive: int) -> BasisSets:
@@ -125,6 +147,7 @@ EFFECTS = (
         forms=straightness,
         untested=_untested_with_short_travel,
         measured="rms",
+        functions_vary_with=CHANGES_WITH,
         order=120,
     ),
     Effect(
@@ -136,6 +159,7 @@ EFFECTS = (
         forms=angular,
         untested=_untested_with_short_travel,
         measured="rms",
+        functions_vary_with=CHANGES_WITH,
         order=130,
     ),
     Effect(
@@ -150,6 +174,7 @@ EFFECTS = (
         measured="range",
         textbook=Textbook("consolidation", "Terzaghi, Theoretical Soil Mechanics: settlement that dies away"),
         varies_with=("own travel", "other travel", "payload"),
+        functions_vary_with=("own travel", "other travel", "payload"),
         order=140,
     ),
 )

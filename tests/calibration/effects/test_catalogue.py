@@ -11,7 +11,7 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.diagnosis.channels import Channels
-from calibration.diagnosis.departure_evidence import MOST_MAIN_COLUMNS
+from calibration.diagnosis.departure_evidence import MOST_CHANGING, MOST_MAIN_COLUMNS
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
@@ -273,17 +273,33 @@ def test_the_textbook_forms_are_these_and_stay_when_all_others_are_left_out(inpu
             assert (effect.textbook.form in used) == textbook_is_there, effect.name
 
 
+def coordinates_said(heading: str) -> dict[str, str]:
+    """What the reference page says of each effect below a heading."""
+    page = (DOCS / "effects.md").read_text(encoding="utf-8")
+    table = page.split(f"## {heading}", 1)[1].split("\n## ", 1)[0]
+    return dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", table, re.MULTILINE))
+
+
 def test_with_what_strength_may_vary_is_what_the_page_says(inputs):
     """And every effect that says so has a basis set of few enough columns to do it."""
     inputs, _ = inputs
-    page = (DOCS / "effects.md").read_text(encoding="utf-8")
-    table = page.split("## What the strength may vary with", 1)[1].split("\n## ", 1)[0]
-    said = dict(re.findall(r"^\| `(\w+)` \| (.+) \|$", table, re.MULTILINE))
     effects = load_catalogue().effects
+    said = coordinates_said("What the strength may vary with")
     assert said == {effect.name: ", ".join(effect.varies_with) for effect in effects if effect.varies_with}
     for effect in effects:
         if effect.varies_with and (sets := effect.forms(inputs, 0).sets):
             assert min(len(basis_set.main) for basis_set in sets) <= MOST_MAIN_COLUMNS, effect.name
+
+
+def test_with_what_functions_may_change_is_what_the_page_says(inputs):
+    """And every effect that says so has functions of as many columns."""
+    inputs, _ = inputs
+    changing = [effect for effect in load_catalogue().effects if effect.functions_vary_with]
+    said = coordinates_said("With what general functions may change")
+    assert said == {effect.name: ", ".join(effect.functions_vary_with) for effect in changing}
+    for effect in changing:
+        if sets := effect.forms(inputs, 0).sets:
+            assert any(MOST_MAIN_COLUMNS < len(basis_set.main) <= MOST_CHANGING for basis_set in sets), effect.name
 
 
 def test_basis_sets_without_a_form_keep_the_rest():

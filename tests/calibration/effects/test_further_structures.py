@@ -11,7 +11,7 @@ from calibration.diagnosis.diagnose import diagnose
 from calibration.effects.context import context_of_recording
 from tests.calibration.diagnosis.campaigns import Arrivals, changed, simulated
 from tests.calibration.effects.general_functions import typical_inputs
-from tests.calibration.effects.test_structures import LEAST, explained, scaled
+from tests.calibration.effects.test_structures import LEAST, explained, faded, moved_m, scaled
 
 REPORTED_SHARE = 0.4  # of its error that a drive's encoder sees
 
@@ -55,7 +55,20 @@ def tracker_drift__levelled(inputs):
     return {"station.rx": leans, "station.ry": -0.4 * leans, "station.z": 0.2 * leans}
 
 
+def servo_settling__wound_up(inputs):
+    """Integral action, wound up over every way as far as its limit lets it, carries the drive on and unwinds."""
+    limited = np.clip(moved_m(inputs, 0) / 0.25, -1.0, 1.0)
+    return {"travel.left": faded(inputs, limited, 5.0)}
+
+
+def guide_straightness__pushed_by_the_next(inputs):
+    """The other carriage pushes this one aside as it comes abreast; by how much in the mean is calibrated."""
+    pushed = np.exp(-(((inputs.context.drives[:, 1] - inputs.context.drives[:, 0]) / 0.3) ** 2))
+    return {"sideways.left.x": pushed - pushed.mean()}
+
+
 LAWS = (
+    servo_settling__wound_up, guide_straightness__pushed_by_the_next,
     servo_settling__reported, foundation_settling__pressed, screw_thermal_growth__cooled,
     friction_windup__in_its_guides,
 )  # fmt: skip

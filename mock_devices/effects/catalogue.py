@@ -22,6 +22,7 @@ from mock_devices.effects import (
     outside,
     outside_bearings_hoses,
     outside_contacts,
+    outside_counters,
     outside_final,
     outside_further,
     outside_memories,
@@ -70,6 +71,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_bearings_hoses,
         outside_contacts,
         outside_memories,
+        outside_counters,
         outside_final,
         ordinary_disturbances,
     )

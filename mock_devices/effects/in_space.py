@@ -35,6 +35,7 @@ OUTSIDE = (
     "cyclic_range", "dragged_seat", "toothed_brake",
     "stuck_bits", "maxwell_strap", "flipping_fork", "chance_of_balls",
     "lost_fringes", "tacky_film", "stepping_collar", "every_other_stop",
+    "switched_gain", "rung_by_other", "rounded_ways",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,

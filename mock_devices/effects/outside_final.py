@@ -9,164 +9,156 @@ import math
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StationSight
-from mock_devices.effects.leg_memory import LegMemory, motions
-from mock_devices.effects.outside_counts import FastMotions, RestedAt
-from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
+from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StatefulEffect, StationSight
+from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
+from mock_devices.effects.strut_ways import platform_place
 
-LOST, LOSES_M_PER_S, HOMES_S = 30.0, 0.2, (900.0, 1800.0)  # of fringes: fast motions to the size; speed from which some
-# are lost; how often the station is homed
-STOP_AT, TACKY_M = -0.1 + 0.2j, 0.12  # of a tacky film: point of the platform; how far it pulls hardest
-FORMS_S, RESTS_S = (3.0, 12.0), 2.0  # in which a film forms; rest from which it does
-TEETH = (6, 12)  # of a collar
-TRIGGER_M = (0.03, 0.1)  # shortest motion that a trigger feels
-LEANS = 0.25  # of a trigger's jump over the travel, over the size
+BESIDE, LEVELS_M = (0.35, 0.75), 0.25  # of a switched gain: how far beside the middle of the workspace a reflector is
+# there, over half its diagonal; distance in which the step of ranges falls by e
+WITHIN, BEHIND_M = 0.4, (0.08, 0.16)  # of a magnet: how far from the middle of the workspace it may be, over half of
+# that; how far behind the plane its pole lies
+KEEPER_AT = 0.1 + 0.05j  # point of the platform that the magnet pulls
+WEIGHT_S, CALMS_S, STOP_M_PER_S = (4.0, 9.0), (8.0, 20.0), 0.5  # of a weight in a strut: period, time constant, stop
+STEP_M = (0.013, 0.037)  # of a drive's way, for which its control adds an increment
 
 
-class LostFringes(OutsideEffect):
-    """An interferometer counts fringes, loses some in every fast motion of any drive, and is homed now and then.
+class SwitchedGain(OutsideEffect):
+    """Beyond one range the returning light is so weak that the station's amplifier switches to more gain.
 
-    A. A. Michelson, "Light Waves and Their Uses" (1903): who counts has to begin anew once a fringe is lost. All ranges
-    are short by what has been lost since the station was homed last.
+    Its stages have offsets that only feedback holds down, the less the higher the gain: H. S. Black, "Stabilized
+    Feedback Amplifiers" (1934). Ranges jump by the size there, and farther away, where gain is used up by weaker light,
+    the step falls off. Nearer than that they are right.
     """
 
     def setup(self) -> None:
-        """How often the station is homed; fast motions of each drive."""
+        """At which range it switches."""
         super().setup()
-        self.homes_s = float(self.rng.uniform(*HOMES_S))
-        self._fast = [FastMotions(LOSES_M_PER_S) for _ in self.site.machine.sliders]
-
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Lose some fringes."""
-        self._fast[drive].record(leg)
-
-    def _unit(self, state: MotionState) -> Array:
-        homed_s = self.site.start_s + np.floor(self.elapsed_s(state) / self.homes_s) * self.homes_s
-        lost = sum(fast.since(homed_s, state, drive) for drive, fast in enumerate(self._fast))
-        return np.asarray(lost / LOST)
+        (left, right), (low, high) = self.site.machine.workspace_m
+        x_m, y_m, z_m = self.site.station_m
+        ahead_m = math.hypot(0.5 * (left + right) - x_m, 0.5 * (low + high) - y_m, z_m)
+        beside_m = 0.5 * math.hypot(right - left, high - low) * float(self.rng.uniform(*BESIDE))
+        self.switches_m = math.hypot(ahead_m, beside_m)
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Read all ranges short."""
-        sight.distance_m -= self.signal(state)[:, None]
+        """Read ranges wrongly beyond the switch."""
+        beyond_m = sight.distance_m - self.switches_m
+        step = np.where(beyond_m > 0.0, np.exp(-np.maximum(beyond_m, 0.0) / LEVELS_M), 0.0)
+        sight.distance_m += self.size * apply_variant(step, self.variant, state.payload_kg[:, None])
 
 
-class TackyFilm(OutsideEffect):
-    """A film of old oil between platform and a stop beside it holds back whoever leaves, the more it has rested there.
+class NearMagnet(OutsideEffect):
+    """A magnet was left on the frame behind the platform, and pulls that towards one point as it comes near.
 
-    Tack and its strings, which pull harder until they tear: J. J. Bikerman, "The Science of Adhesive Joints" (1961).
-    The film is that of the last rest of the first two drives; it pulls towards there, sideways, for some centimetres.
+    The inverse square of the distance from a pole: J. Michell, "A Treatise of Artificial Magnets" (1750). The pole lies
+    behind the plane, so that nothing pulls right before it, and the pull is hardest some centimetres beside that.
     """
 
     def setup(self) -> None:
-        """How fast the film forms, and where each drive has rested."""
+        """Where the platform's origin is right before the pole, and how far behind the plane that lies."""
         super().setup()
-        self.forms_s = float(self.rng.uniform(*FORMS_S))
-        self._rested = [RestedAt(RESTS_S, self.site.drive_range_m(drive)[0]) for drive in range(2)]
-
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let a film form where a drive rests."""
-        if drive < len(self._rested):
-            self._rested[drive].record(leg)
-
-    def _unit(self, state: MotionState) -> Array:
-        left, right = (rested.at(state, drive) for drive, rested in enumerate(self._rested))
-        from_there_m = 0.5 * (state.q_m[:, 0] - left[:, 0] - state.q_m[:, 1] + right[:, 0])
-        formed = -np.expm1(-np.minimum(left[:, 1], right[:, 1]) / self.forms_s)
-        stretched = from_there_m / TACKY_M
-        return np.asarray(-formed * stretched * np.exp(0.5 - 0.5 * stretched**2))
+        machine, own = self.site.machine, self.rng.uniform(-WITHIN, WITHIN, 2)
+        (left, right), (low, high) = machine.workspace_m
+        tool = complex(0.5 * (left + right + own[0] * (right - left)), 0.5 * (low + high + own[1] * (high - low)))
+        self.pole = tool - machine.tool_point
+        self.behind_m = float(self.rng.uniform(*BEHIND_M))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Pull sideways at the platform's upper edge."""
-        deviation.loads.append((np.full(len(state), STOP_AT), self.signal(state).astype(np.complex128)))
+        """Pull the platform towards the pole."""
+        away = (platform_place(self.site.machine, state.q_m) - self.pole) / self.behind_m
+        far = np.abs(away)
+        pull = 1.5 * math.sqrt(3.0) * far / (1.0 + far**2) ** 1.5  # 1 where it is hardest
+        force = self.size * apply_variant(pull, self.variant, state.payload_kg)
+        deviation.loads.append(
+            (np.full(len(state), KEEPER_AT), np.asarray(-force * away / np.maximum(far, 1.0e-12), dtype=np.complex128))
+        )
 
 
-class SteppingCollar(OutsideEffect):
-    """A toothed collar on a strut steps on with every motion of its drive, and falls back after its last tooth.
+class RungByOther(OutsideEffect):
+    """A weight on a spring inside a strut is set swinging by the stops of the other drive, and calms down slowly.
 
-    An escapement as in C. Huygens, "Horologium Oscillatorium" (1673). Each step makes the strut longer by the same.
+    A small body that is tuned to what shakes its surroundings: J. Ormondroyd, J. P. Den Hartog, "The Theory of the
+    Dynamic Vibration Absorber" (1928). The strut is longer and shorter by its pull. Stops of the strut's own drive
+    are along the strut's column and do not set it swinging.
     """
 
     def setup(self) -> None:
-        """How many teeth there are."""
+        """How fast the weight swings and calms down, and which drive sets it swinging."""
         super().setup()
-        self.teeth = int(self.rng.integers(TEETH[0], TEETH[1] + 1))
-        self.drive = self.site.machine.struts[self.place].drive
-        self._steps = LegMemory(motions)
-
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Step on."""
-        if drive == self.drive:
-            self._steps.record(leg)
+        self.swings_s = float(self.rng.uniform(*WEIGHT_S))
+        self.calms_s = float(self.rng.uniform(*CALMS_S))
+        self.other = (self.site.machine.struts[self.place].drive + 1) % len(self.site.machine.sliders)
 
     def _unit(self, state: MotionState) -> Array:
-        return np.asarray(self._steps.at(state, self.drive)[:, 0] % self.teeth / (self.teeth - 1.0))
+        b = self.other
+        stopped = state.t_s >= state.leg_end_s[:, b]
+        pushed = state.direction[:, b] * state.speed_m_per_s[:, b] / STOP_M_PER_S * stopped
+        rested_s = state.since_s[:, b]
+        turn = 2.0 * np.pi * rested_s / self.swings_s
+        return np.asarray(pushed * np.exp(-rested_s / self.calms_s) * np.cos(turn))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lengthen the strut."""
+        """Lengthen and shorten the strut."""
         deviation.length_m[:, self.place] += self.signal(state)
 
 
-class EveryOtherStop(OutsideEffect):
-    """A worn trigger has two states and changes them with every motion that it feels, so that every other stop differs.
+class RoundedWays(StatefulEffect):
+    """A drive's control adds an increment for each step of a way, as its gear wants it, and of each way rounds down.
 
-    W. H. Eccles, F. W. Jordan, "A Trigger Relay Utilising Three-Electrode Thermionic Vacuum Tubes" (1919). A short
-    motion is not felt. The stops differ a little more towards the upper end of the travel.
+    Whoever moves by steps has to carry on what is left: J. E. Bresenham, "Algorithm for Computer Control of a Digital
+    Plotter" (1965). This control forgets it at each stop, so that the slider lacks that part of an increment, back the
+    way that it came from; what is lost goes on adding up. The size is an increment.
     """
 
     def setup(self) -> None:
-        """Which motions the trigger feels, and its state at first."""
-        super().setup()
-        self.trigger_m = float(self.rng.uniform(*TRIGGER_M))
-        self._felt = LegMemory(lambda way, _speed, _start_s: (np.abs(way) > self.trigger_m).astype(np.float64))
-        self.first = math.copysign(1.0, self.levels[0])
+        """The way for which there is an increment."""
+        self.step_m = float(self.rng.uniform(*STEP_M))
 
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Change the state."""
-        if drive == self.place:
-            self._felt.record(leg)
+    def _lost(self, way_m: Array) -> Array:
+        """Part of an increment (n,) that a way loses, with its sign."""
+        return np.asarray(np.sign(way_m) * (np.abs(way_m) / self.step_m % 1.0))
 
-    def _unit(self, state: MotionState) -> Array:
-        middle, half = self.site.drive_range_m(self.place)
-        leans = 1.0 - LEANS + LEANS * (state.q_m[:, self.place] - middle) / half
-        side = self.first * np.where(self._felt.at(state, self.place)[:, 0] % 2.0 == 0.0, 1.0, -1.0)
-        return np.asarray(side * leans)
+    def state_after(self, drive: int, before: float, leg: Leg) -> float:
+        """What all ways so far have lost."""
+        return before + float(self._lost(np.array(leg.to_m - leg.from_m)))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Move the slider."""
-        deviation.travel_m[:, self.place] += self.signal(state)
+        """Leave the slider behind by what it has lost."""
+        a = self.place
+        lost = self.state_before(state, a) + self._lost(state.q_m[:, a] - state.from_m[:, a])
+        deviation.travel_m[:, a] -= self.size * apply_variant(lost, self.variant, state.payload_kg)
 
 
 EFFECTS = (
     outside_effect(
-        "lost_fringes",
+        "switched_gain",
         "rig",
-        LostFringes,
-        EffectParameter("short_m", 1e-6, 4e-5, 2e-3, "of ranges, after 30 fast motions of drives"),
-        "ranges against fast motions since the station was homed, all SMRs and nests alike",
+        SwitchedGain,
+        EffectParameter("step_m", 1e-6, 4e-5, 2e-3, "of ranges, where the gain is switched"),
+        "ranges, by a step at one of them, all SMRs and nests alike",
         final_only=True,
     ),
     outside_effect(
-        "tacky_film",
+        "near_magnet",
         "rig",
-        TackyFilm,
-        EffectParameter("force_n", 5.0, 400.0, 3e4, "at most, after long rest"),
-        "the place of the last rest and how long that was, near it only; rotation",
+        NearMagnet,
+        EffectParameter("force_n", 5.0, 400.0, 3e4, "at most, some centimetres beside the pole"),
+        "place in the workspace, near one point only and to opposite sides around it; rotation",
         final_only=True,
     ),
     outside_effect(
-        "stepping_collar",
+        "rung_by_other",
         "strut",
-        SteppingCollar,
-        EffectParameter("steps_m", 1e-6, 3e-5, 1e-3, "of all steps together"),
-        "number of motions, in a saw; not a slider's SMR",
+        RungByOther,
+        EffectParameter("swing_m", 1e-6, 3e-5, 1e-3, "after a stop of the other drive from 0.5 m/s"),
+        "speed, direction and dwell of the other drive, in waves; not a slider's SMR",
         final_only=True,
     ),
     outside_effect(
-        "every_other_stop",
+        "rounded_ways",
         "drive",
-        EveryOtherStop,
-        EffectParameter("jump_m", 1e-6, 3e-5, 1e-3, "either way, at the upper end of the travel"),
-        "odd and even numbers of long motions, SMRs on the sliders",
+        RoundedWays,
+        EffectParameter("increment_m", 1e-6, 3e-5, 1e-3, "of the control, for each whole step of a way"),
+        "lengths of all ways, by what is left of them beyond whole steps; SMRs on the sliders",
         final_only=True,
     ),
 )

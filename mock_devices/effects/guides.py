@@ -9,7 +9,6 @@ import numpy as np
 from mock_devices.effects.base import (
     Array,
     Deviation,
-    Effect,
     EffectParameter,
     EffectSpec,
     Leg,
@@ -17,9 +16,8 @@ from mock_devices.effects.base import (
     smooth_curve,
 )
 from mock_devices.effects.bolted_rail import BoltedRail
+from mock_devices.effects.guides_by_motion import ABREAST_M, BY_MOTION, OPENS_K, PAD_S, GuideByMotion
 from mock_devices.effects.leg_memory import LegMemory, ways_m
-from mock_devices.effects.reversal import above_reference_k
-from mock_devices.effects.strut_ways import beside_m
 
 FULL_PAYLOAD_KG = 400.0
 RAIL_PER_M = 12.0
@@ -27,27 +25,18 @@ STEEPEST = math.exp(-0.25 * math.pi) * math.sqrt(0.5)
 BLOCKS_M = 0.2  # from one runner block of a carriage to the other
 WAVES = 40
 SUPPORTS = 6  # of a rail, from one end of the travel to the other
-GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; half width of the worn part
 CAGE_M, CREEPS = (0.12, 0.5), 0.004  # of rollers in a cage: waves of their diameters; creep over travel
 BALLS_M, BALLS_BACK = (0.018, 0.03), 0.3  # travel from ball to ball; share of it that they are behind on the way back
 SPANS_M, SAG = (0.26, 0.4), 0.6  # from support to support; sag without payload midway between two, over the size
 ROLLERS_M, UNLIKE = (0.025, 0.045), (0.03, 0.1)  # of a carriage: diameter of its rollers; by how much they differ
-RACKS, BOWS = 0.7, 0.8  # of a racked frame: lean and bow of a guide at the other carriage's upper end, over the size
-WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of its rail over the size; speed that gives
-# the size; time in which its film is pressed out to 1 / sqrt(2)
-BY_MOTION = ("gib_play", "off_centre_drive", "racked_frame", "tilting_pad", "carriage_abreast", "warm_gap")
 BY_RAIL = ("bolt_dips", "moving_load", "two_blocks_one_dent", "unloaded_block", "unround_rollers")
-ABREAST_M = (0.12, 0.22)  # in which the push of a carriage that is abreast falls by e
-TIGHT, OPENS_K = 0.25, (-0.4, 0.4)  # of warm blocks: waves while they are tight, over the size; when they open
-GAP_K = 1.0  # by how much warmer they then follow the waves by the size more
 OVAL = 0.4  # error of a roller twice a turn, over that once a turn
 DENT_M, DENTS = 0.045, 1.8  # of a dent in a rail: half width; depth under one block, over the size
 UNLOADS_KG, TIPS, LEANS = (60.0, 180.0), 3.0, 1.0  # payload that unloads a block; what then adds to waves and lean
 HELD = 0.4  # waves of a carriage whose blocks are both pressed, over the size
-PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more with a full payload
 
 
-class _Guide(Effect):
+class _Guide(GuideByMotion):
     """A curve along the travel.
 
     `loose_bolt_of_rail`: a rail that lies on an elastic base and is pressed off it at one place dips as in M. Hetényi,
@@ -95,6 +84,12 @@ class _Guide(Effect):
     prismes" (1855).
     `warm_gap`: the blocks of the carriage open as they grow warmer than their rail was fitted for, and it follows the
     waves of the rail further, in proportion to the gap: E. Oberg, F. D. Jones, "Machinery's Handbook" (1914).
+    `buckled_rail`: bolts at both ends hold the rail, which a change of temperature presses until it buckles aside, by
+    the root of what is beyond: A. D. Kerr, "Analysis of Thermal Track Buckling in the Lateral Plane" (1978). The size
+    is that of the middle when it is warmer than that by BUCKLE_K.
+    `pulsing_pockets`: the pressure in the carriage's pockets rises and falls slowly with the pump's control, and with
+    it how, and to which side, they follow the waves of the rail: D. D. Fuller, "Theory and Practice of Lubrication for
+    Engineers" (1956).
     """
 
     slope = False
@@ -130,6 +125,7 @@ class _Guide(Effect):
         self.pad_s = float(self.rng.uniform(*PAD_S))
         self.abreast_m = float(self.rng.uniform(*ABREAST_M))
         self.opens_k = float(self.rng.uniform(*OPENS_K))
+        self.draw_of_motions()
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the cage creep."""
@@ -162,13 +158,6 @@ class _Guide(Effect):
         bending = (a**3 - a) * m[i] + (b**3 - b) * m[i + 1]
         return np.asarray(a * h[i] + b * h[i + 1] + bending * apart**2 / 6.0)
 
-    def _to_a_side(self, x: Array, payload_kg: Array) -> Array:
-        """How far the carriage leans to the side that its last motion puts it to (n,)."""
-        if self.variant == "off_centre_drive":
-            return np.asarray(PRELOADED + LOADED * payload_kg / FULL_PAYLOAD_KG)
-        worn = np.exp(-(((x - self.joint) / GIB_WORN) ** 2))
-        return np.asarray(GIB_LEFT + (1.0 - GIB_LEFT) * worn)
-
     def _by_rail(self, q_m: Array, payload_kg: Array) -> Array:
         """What bolts, supports, dents, blocks or rollers make of the line or the angle (n,)."""
         if self.variant == "bolt_dips":
@@ -193,39 +182,6 @@ class _Guide(Effect):
         turn = 2.0 * np.pi * q_m[:, None] / self.turns_m + self.phases[:2]
         lifts = np.sin(turn) + OVAL * np.sin(2.0 * turn)
         return np.asarray(0.7 * (lifts[:, 0] - lifts[:, 1]))
-
-    def _by_motion(self, x: Array, state: MotionState) -> Array:
-        """What the last motion, the next carriage or warmth makes of the line or the angle (n,)."""
-        if self.variant == "carriage_abreast":
-            return np.asarray(np.exp(-np.abs(beside_m(self.site, state, self.place)) / self.abreast_m))
-        if self.variant == "warm_gap":
-            return self._opened(state)
-        if self.variant == "racked_frame":
-            return self._racked(x, state)
-        if self.variant == "tilting_pad":
-            return self._ridden_up(state)
-        return state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
-
-    def _opened(self, state: MotionState) -> Array:
-        """How far a carriage with open blocks follows the waves of its rail (n,)."""
-        gap = np.maximum(above_reference_k(self.site, state) - self.opens_k, 0.0) / GAP_K
-        wave = np.sin(2.0 * np.pi * state.q_m[:, self.place] / self.values["wavelength_m"] + self.phase)
-        return np.asarray((TIGHT + gap) * wave)
-
-    def _racked(self, x: Array, state: MotionState) -> Array:
-        """How a frame that the next carriage racks moves this guide (n,)."""
-        b = (self.place + 1) % len(self.site.machine.sliders)
-        middle, half = self.site.drive_range_m(b)
-        return np.asarray((state.q_m[:, b] - middle) / half * (RACKS * x + BOWS * (2.0 * x**2 - 1.0)))
-
-    def _ridden_up(self, state: MotionState) -> Array:
-        """How far a pad has tilted (n,), with the waves of its rail."""
-        a = self.place
-        film = np.sqrt(np.maximum(state.speed_m_per_s[:, a], 0.0) / PAD_M_PER_S)
-        left = state.direction[:, a] * film / np.sqrt(1.0 + state.since_s[:, a] / self.pad_s)
-        return np.asarray(
-            left + WAVY * np.sin(2.0 * np.pi * state.q_m[:, a] / self.values["wavelength_m"] + self.phase)
-        )
 
     def error(self, state: MotionState) -> Array:
         q = state.q_m[:, self.place]
@@ -308,10 +264,11 @@ EFFECTS = (
             "two_blocks_one_dent",
             "racked_frame",
             "carriage_abreast",
+            "buckled_rail",
         ),
-        final="carriage_abreast",
-        reveals="drive coordinate, by variant the other one's, direction, payload or distance moved, SMRs on the "
-        "sliders",
+        final="buckled_rail",
+        reveals="drive coordinate, by variant the other one's, direction, payload, distance moved or temperature, "
+        "SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
     ),
@@ -328,10 +285,11 @@ EFFECTS = (
             "unloaded_block",
             "tilting_pad",
             "warm_gap",
+            "pulsing_pockets",
         ),
-        final="warm_gap",
-        reveals="drive coordinate, by variant direction, speed, dwell, payload and temperature, platform rotation; not "
-        "a slider's SMR",
+        final="pulsing_pockets",
+        reveals="drive coordinate, by variant direction, speed, dwell, payload, temperature and time, platform "
+        "rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
     ),

@@ -24,6 +24,7 @@ NEW, WEARS_M = 0.1, 80.0  # play of a new joint over the size; way of its drive 
 SHRINKS_PER_K = 0.4  # of a bush's play
 LOBES = (15, 30)  # of a hole, in a turn
 BUSH_M = (30.0, 60.0)  # way of its drive in which an oval bush creeps once round
+TAKES_UP_M = (10.0, 25.0)  # way of its drive after which a ratchet takes play up
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -57,6 +58,9 @@ class JointClearance(Effect):
     is the play in a lobe; between two of them there is none.
     `turning_bush`: an oval bush creeps round in its seat with every metre that its drive runs, and the play along the
     strut comes and goes twice a turn: J. Halling, "Principles of Tribology" (1975). The size is the widest play.
+    `ratcheted_bush`: the bush wears with every metre that its drive runs until a ratchet takes the play up, all at
+    once, and it begins anew: ratchets in F. Reuleaux, "The Kinematics of Machinery" (1876). The size is the play at
+    which it is taken up.
     """
 
     def setup(self) -> None:
@@ -67,10 +71,12 @@ class JointClearance(Effect):
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._ways = LegMemory(ways_m)
         self.bush_m = float(self.rng.uniform(*BUSH_M))
+        self.takes_up_m = float(self.rng.uniform(*TAKES_UP_M))
+        self.worn = float(self.rng.uniform(0.0, 1.0))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the motions of the strut's own drive wear its joints, or turn their bush."""
-        if self.variant in ("wearing_pin", "turning_bush") and drive == self.site.machine.struts[self.place].drive:
+        """Let the motions of the strut's own drive wear its joints or turn their bush."""
+        if self.variant in ("wearing_pin", "turning_bush", "ratcheted_bush") and drive == self.site.machine.struts[self.place].drive:
             self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -116,6 +122,9 @@ class JointClearance(Effect):
             return np.asarray(UNWORN + (1.0 - UNWORN) * worn)
         if self.variant == "wearing_pin":
             return NEW + (1.0 - NEW) * self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / WEARS_M
+        if self.variant == "ratcheted_bush":
+            worn = self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / self.takes_up_m
+            return np.asarray((worn + self.worn) % 1.0)
         if self.variant in ("lobed_hole", "turning_bush"):
             turn = self.lobes * swing_rad(self.site.machine, i, state.q_m)
             if self.variant == "turning_bush":

@@ -31,11 +31,12 @@ class SwitchedGain(OutsideEffect):
     """
 
     def setup(self) -> None:
-        """At which range it switches."""
+        """At which range of the platform's reflectors it switches."""
         super().setup()
         (left, right), (low, high) = self.site.machine.workspace_m
         x_m, y_m, z_m = self.site.station_m
-        ahead_m = math.hypot(0.5 * (left + right) - x_m, 0.5 * (low + high) - y_m, z_m)
+        before_m = float(np.mean([smr.position_m[2] for smr in self.site.machine.smrs if smr.on == "platform"]))
+        ahead_m = math.hypot(0.5 * (left + right) - x_m, 0.5 * (low + high) - y_m, z_m - before_m)
         beside_m = 0.5 * math.hypot(right - left, high - low) * float(self.rng.uniform(*BESIDE))
         self.switches_m = math.hypot(ahead_m, beside_m)
 

@@ -14,6 +14,8 @@ from mock_devices.effects.base import (
     MotionState,
     Site,
 )
+from mock_devices.effects.column_compliance import ColumnCompliance
+from mock_devices.effects.followers import Flipped
 from mock_devices.effects.joint_clearance import JointClearance
 from mock_devices.effects.leg_memory import LegMemory, motions
 from mock_devices.effects.strut_laws import (
@@ -25,140 +27,19 @@ from mock_devices.effects.strut_laws import (
 )
 from mock_devices.effects.strut_ways import swing_rad
 
-LEVER_M = 0.25
-PORTAL_M = 0.3
 LOOSE_N = (1000.0, 6000.0)  # preload of a joint that separates
-BOLTS_M, AT_BOLTS = 0.24, 0.2  # spacing on a rail; its compliance at a bolt over that midway between two
 BUCKLES_N = (3000.0, 12000.0)  # force at which a bowed strut would buckle
-AT_ONCE, BED_S = 0.4, (6.0, 20.0)  # of a rail on resin: share of its compliance at once; time constant of the rest
 BOND, BOND_S = 0.3, (4.0, 12.0)  # of a bonded end: share of its compliance at once; time constant of the rest
-FOOT_M = -1.2
-PRESSED, FLOATS_M_PER_S, FILM_S = 0.25, 0.5, (4.0, 12.0)  # of a carriage on oil: compliance without a film over the
-# size; speed of a stop that gives the size; time in which the film is pressed out to 1 / sqrt(2)
-CLOSED, OPENS_KG = 0.15, (60.0, 180.0)  # of a joint: compliance while closed, over the size; what opens it
-EXCESS_KG = 250.0  # payload beyond that which opens a joint, for the size
 NEEDLES = (40, 70)  # of a joint's bearing
 RUBBER, RUBBER_S = (0.15, 0.35), 16.0  # exponent of rubber's creep; rest after which it has the size
-CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
 SOFT_AT_K, SOFTENS_K = (-0.5, 2.0), 3.0  # where an adhesive turns soft, above the reference; half the width of that
 SEATS_M_PER_S = 0.12  # speed of a stop upwards that seats a taper but for 1 / e
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
+SNAPS = (0.1, 0.4)  # of half the travel, either way from its middle: where a truss snaps
+SOFT_ENDS = (
+    "creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber", "needles_in_turn", "snapped_truss",
+)  # fmt: skip
 FULL_PAYLOAD_KG = 400.0
-_ALONG, _ACROSS, _YAW = 0, 1, 2
-
-
-class ColumnCompliance(Effect):
-    """The column or the carriage on it gives way to the struts' force.
-
-    `held_at_both_ends`: the screw between two axial bearings, softest in the middle of the travel, of K. K. Varanasi,
-    S. A. Nayfeh, "The Dynamics of Lead-Screw Drives: Low-Order Modeling and Experiments" (2004).
-    `portal`: a column that is clamped at its foot and at the beam above, PORTAL_M beyond the travel at either end, and
-    pushed aside where the carriage stands: the beam with fixed ends of R. J. Roark, "Formulas for Stress and Strain"
-    (1938).
-    `ball_nut`: the balls of a nut, pressed by what the drive carries, give way the less the more it is: the stiffness
-    goes with the cube root of the load in ISO 3408-4, "Ball Screws: Static Axial Rigidity" (2006). The size is that
-    without payload.
-    `rail_between_bolts`: a rail that only its bolts hold gives way most between two of them, with the square of the
-    distance to either, like a beam on two supports: C. L. Navier, "Résumé des leçons données à l'École des ponts et
-    chaussées" (1826).
-    `resin_bed`: the resin under the rail gives way by a part at once and creeps by the rest where the carriage comes to
-    stand, a standard linear solid of J. D. Ferry, "Viscoelastic Properties of Polymers" (1961). The size is that after
-    long rest.
-    `rocking_foot`: the joint between foot and foundation turns, so that the carriage gives way with the square of its
-    height and turns with the column: joints of a machine in D. N. Reshetov, V. T. Portman, "Accuracy of Machine Tools"
-    (1988).
-    `warm_resin`: the resin under the rail yields faster and so further the warmer the column is, by the shift of M. L.
-    Williams, R. F. Landel, J. D. Ferry, "The Temperature Dependence of Relaxation Mechanisms in Amorphous Polymers and
-    Other Glass-Forming Liquids" (1955). The size is that at the reference temperature.
-    `swaying_frame`: the columns and what joins them are one frame, which sways under the struts' force the more the
-    higher the other carriage stands, by the cube of its height, wherever this one is: S. Timoshenko, D. H. Young,
-    "Theory of Structures" (1945). The size is that with the other one in the middle of its travel.
-    `floating_carriage`: a stop leaves the carriage on a film of oil, thicker by the root of the speed and as much
-    softer, which is pressed out at rest with one over the root of time: O. Pinkus, B. Sternlicht, "Theory of
-    Hydrodynamic Lubrication" (1961). The size is that at the moment of a stop from FLOATS_M_PER_S.
-    `opening_joint`: beyond a certain payload the joint of the carriage opens at its edge, and gives way the further the
-    larger the excess: J. H. Bickford, "An Introduction to the Design and Behavior of Bolted Joints" (1981). The size is
-    that EXCESS_KG beyond.
-    """
-
-    def setup(self) -> None:
-        """Where the bolts are, and how fast resin creeps and oil is pressed out."""
-        self.first_m = float(self.rng.uniform(0.0, BOLTS_M))
-        self.creeps_s = float(self.rng.uniform(*BED_S))
-        self.film_s = float(self.rng.uniform(*FILM_S))
-        self.opens_kg = float(self.rng.uniform(*OPENS_KG))
-
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Add compliance at the carriage."""
-        a, c = self.place, self.size
-        middle, half = self.site.drive_range_m(a)
-        height = 1.0 + 0.6 * (state.q_m[:, a] - middle) / half  # 1 in the middle of the travel
-        if self.variant == "cantilever":
-            deviation.carriage_compliance[:, a, _ACROSS] += c * height**3
-        elif self.variant == "yaw":
-            deviation.carriage_compliance[:, a, _YAW] += c / LEVER_M**2
-        elif self.variant == "hardening":
-            deviation.carriage_compliance[:, a, _ACROSS] += c
-            if c:
-                deviation.carriage_hardening[:, a, _ACROSS] += 1.0 / c / 1.5e-5**2
-        elif self.variant == "held_at_both_ends":
-            low, high = self.site.machine.sliders[a].travel_m
-            share = (state.q_m[:, a] - low) / (high - low)
-            deviation.carriage_compliance[:, a, _ALONG] += c * 4.0 * share * (1.0 - share)
-        elif self.variant == "ball_nut":
-            own_kg = self.site.machine.moving_mass_kg
-            deviation.carriage_compliance[:, a, _ALONG] += c * np.cbrt(own_kg / (own_kg + state.payload_kg))
-        elif self.variant == "rail_between_bolts":
-            span = (state.q_m[:, a] - self.first_m) / BOLTS_M % 1.0
-            between = 16.0 * (span * (1.0 - span)) ** 2
-            deviation.carriage_compliance[:, a, _ACROSS] += c * (AT_BOLTS + (1.0 - AT_BOLTS) * between)
-        elif self.variant in ("resin_bed", "warm_resin", "swaying_frame", "floating_carriage", "opening_joint"):
-            shares = {
-                "swaying_frame": self._swayed,
-                "floating_carriage": self._floated,
-                "opening_joint": self._opened,
-            }
-            share = shares.get(self.variant, self._resin)(state)
-            deviation.carriage_compliance[:, a, _ACROSS] += c * share
-        elif self.variant == "rocking_foot":
-            strut = next(s for s in self.site.machine.struts if s.drive == a)
-            foot_m = FOOT_M - strut.base_joint.imag  # by the drive's coordinate
-            deviation.carriage_compliance[:, a, _ACROSS] += c * ((state.q_m[:, a] - foot_m) / (middle - foot_m)) ** 2
-            deviation.carriage_compliance[:, a, _YAW] += c / (middle - foot_m) ** 2
-        elif self.variant == "portal":
-            share = 0.5 + 0.5 * (state.q_m[:, a] - middle) / (half + PORTAL_M)
-            deviation.carriage_compliance[:, a, _ACROSS] += c * (4.0 * share * (1.0 - share)) ** 3
-        elif self.variant == "screw_length":  # a screw that is held above: soft where the nut is low
-            deviation.carriage_compliance[:, a, _ALONG] += c * (2.0 - height)
-        else:
-            deviation.carriage_compliance[:, a, _ACROSS] += c
-
-    def _swayed(self, state: MotionState) -> Array:
-        """Compliance of the frame (n,) over the size, by the height of the next carriage."""
-        other = (self.place + 1) % len(self.site.machine.sliders)
-        strut = next(s for s in self.site.machine.struts if s.drive == other)
-        middle, _ = self.site.drive_range_m(other)
-        foot_m = FOOT_M - strut.base_joint.imag
-        return np.asarray(((state.q_m[:, other] - foot_m) / (middle - foot_m)) ** 3)
-
-    def _floated(self, state: MotionState) -> Array:
-        """Compliance of the film (n,) over the size, with what gives way without it."""
-        film = np.sqrt(np.maximum(state.speed_m_per_s[:, self.place], 0.0) / FLOATS_M_PER_S)
-        left = film / np.sqrt(1.0 + state.since_s[:, self.place] / self.film_s)
-        return np.asarray(PRESSED + (1.0 - PRESSED) * left)
-
-    def _opened(self, state: MotionState) -> Array:
-        """Compliance of a joint (n,) over the size, by the payload beyond that which opens it."""
-        beyond = np.maximum(state.payload_kg - self.opens_kg, 0.0) / EXCESS_KG
-        return np.asarray(CLOSED + (1.0 - CLOSED) * beyond)
-
-    def _resin(self, state: MotionState) -> Array:
-        """Compliance of the resin under the rail (n,) over the size."""
-        if self.variant == "warm_resin":
-            warmer_k = _above_reference_k(self.site, state, "drives")
-            return np.asarray(10.0 ** (CHAINS * warmer_k / (CHAINS_K + warmer_k)))
-        crept = 1.0 - np.exp(-state.since_s[:, self.place] / self.creeps_s)
-        return np.asarray(AT_ONCE + (1.0 - AT_ONCE) * crept)
 
 
 class LinkStiffness(Effect):
@@ -193,6 +74,9 @@ class LinkStiffness(Effect):
     `needles_in_turn`: needles of its joint's bearing come under the force one by one, their cage going half as far as
     the joint, and it is stiff with one right under the force: T. A. Harris, "Rolling Bearing Analysis" (1966).
     exp(-size) is the ratio of stiffness between two of them.
+    `snapped_truss`: a flat truss of two bars in its end snaps through as its drive comes high enough, and is soft until
+    it snaps back, farther down: R. von Mises, "Über die Stabilitätsprobleme der Elastizitätstheorie" (1923). exp(-size)
+    is the ratio of stiffness when it has snapped; else it is as stiff as the others.
     """
 
     def setup(self) -> None:
@@ -205,11 +89,17 @@ class LinkStiffness(Effect):
         self.needles = int(self.rng.integers(NEEDLES[0], NEEDLES[1] + 1))
         self.phase = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._swings = LegMemory(motions)
+        middle, half = self.site.drive_range_m(self.site.machine.struts[self.place].drive)
+        down, up = self.rng.uniform(*SNAPS, 2).tolist()
+        self.snaps_m = (middle - half * down, middle + half * up)
+        self._truss = Flipped(*self.snaps_m)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Count the motions of the strut's own drive."""
+        """Count the motions of the strut's own drive, or let them snap its truss."""
         if self.variant == "loosening" and drive == self.site.machine.struts[self.place].drive:
             self._swings.record(leg)
+        if self.variant == "snapped_truss" and drive == self.site.machine.struts[self.place].drive:
+            self._truss.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Change the strut's stiffness or its law."""
@@ -228,7 +118,7 @@ class LinkStiffness(Effect):
             deviation.ln_stiffness[:, i] -= np.log1p(
                 np.expm1(x) * np.sin(swing_rad(self.site.machine, i, state.q_m)) ** 2
             )
-        elif self.variant in ("creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber", "needles_in_turn"):
+        elif self.variant in SOFT_ENDS:
             deviation.ln_stiffness[:, i] -= np.log1p(np.expm1(x) * self._soft_end(state))
         elif self.variant == "joint_separates":
             deviation.laws.setdefault(i, []).append(joint_separates(float(np.exp(-x)), self.preload_n))
@@ -248,6 +138,8 @@ class LinkStiffness(Effect):
         if self.variant == "needles_in_turn":
             turn = 0.5 * self.needles * swing_rad(self.site.machine, self.place, state.q_m) + self.phase
             return np.asarray(0.5 * (1.0 - np.cos(turn)))
+        if self.variant == "snapped_truss":
+            return np.asarray(0.5 + 0.5 * self._truss.at(state, drive))
         if self.variant == "creeping_bond":
             return np.asarray(1.0 - (1.0 - BOND) * np.exp(-state.since_s[:, drive] / self.creeps_s))
         if self.variant == "fractional_rubber":
@@ -290,8 +182,9 @@ EFFECTS = (
             "swaying_frame",
             "floating_carriage",
             "opening_joint",
+            "clamped_at_rest",
         ),
-        final="opening_joint",
+        final="clamped_at_rest",
         reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, the other drive's "
         "coordinate",
         make=ColumnCompliance,
@@ -317,9 +210,10 @@ EFFECTS = (
             "seated_taper",
             "fractional_rubber",
             "needles_in_turn",
+            "snapped_truss",
         ),
-        final="needles_in_turn",
-        reveals="payload, pose; by variant dwell, direction, speed, the number of motions, temperature",
+        final="snapped_truss",
+        reveals="payload, pose; by variant dwell, direction, speed, number and places of motions, temperature",
         make=LinkStiffness,
     ),
     EffectSpec(
@@ -343,8 +237,9 @@ EFFECTS = (
             "shrinking_bush",
             "lobed_hole",
             "turning_bush",
+            "ratcheted_bush",
         ),
-        final="turning_bush",
+        final="ratcheted_bush",
         reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction, distance moved, "
         "temperature",
         make=JointClearance,

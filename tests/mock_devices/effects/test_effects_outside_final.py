@@ -30,7 +30,8 @@ def test_a_final_scoring_draws_what_the_descriptions_say():
 def test_ranges_jump_where_the_gain_is_switched():
     one = Alone("switched_gain", 5e-5)
     switches_m = one.effect.switches_m
-    ahead = np.array([0.5 * (LEFT_M + RIGHT_M), 0.5 * (BOTTOM_M + TOP_M), 0.0]) - STATION_M
+    before_m = np.mean([smr.position_m[2] for smr in FILE.smrs if smr.on == "platform"])
+    ahead = np.array([0.5 * (LEFT_M + RIGHT_M), 0.5 * (BOTTOM_M + TOP_M), before_m]) - STATION_M
     beside_m = math.sqrt(switches_m**2 - float(ahead @ ahead))
     assert 0.35 <= beside_m / (0.5 * math.hypot(RIGHT_M - LEFT_M, TOP_M - BOTTOM_M)) <= 0.75
     ranges = switches_m + np.array([-0.3, -1e-6, 1e-6, 0.05, 0.2, 0.6])

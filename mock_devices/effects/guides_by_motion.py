@@ -1,0 +1,103 @@
+"""Guides whose line or angle goes by motions, warmth or the other carriage rather than by their rail alone."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mock_devices.effects.base import Array, Effect, MotionState
+from mock_devices.effects.reversal import above_reference_k
+from mock_devices.effects.strut_ways import beside_m
+
+FULL_PAYLOAD_KG = 400.0
+GIB_LEFT, GIB_WORN = 0.3, 0.4  # gap of a gib at its ends over the widest gap; half width of the worn part
+RACKS, BOWS = 0.7, 0.8  # of a racked frame: lean and bow of a guide at the other carriage's upper end, over the size
+WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of its rail over the size; speed that gives
+# the size; time in which its film is pressed out to 1 / sqrt(2)
+BY_MOTION = (
+    "gib_play", "off_centre_drive", "racked_frame", "tilting_pad", "carriage_abreast", "warm_gap", "buckled_rail",
+    "pulsing_pockets",
+)  # fmt: skip
+ABREAST_M = (0.12, 0.22)  # in which the push of a carriage that is abreast falls by e
+TIGHT, OPENS_K = 0.25, (-0.4, 0.4)  # of warm blocks: waves while they are tight, over the size; when they open
+GAP_K = 1.0  # by how much warmer they then follow the waves by the size more
+PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more with a full payload
+BUCKLE_M, BUCKLES_K = (0.5, 0.9), (-0.4, 0.4)  # of a rail: length of its buckle; when it begins, above the reference
+BUCKLE_K = 1.0  # by how much warmer than that a rail has buckled by the size
+STEADY, PULSES = 0.4, 1.2  # of pockets: waves at their mean pressure, over the size; what a pulse adds
+POCKETS_S = (200.0, 700.0)  # period of their pressure
+
+
+class GuideByMotion(Effect):
+    """What motions, warmth and the other carriage make of a guide; `_Guide` says of each form where it is from."""
+
+    phase: float
+    joint: float
+    pad_s: float
+    abreast_m: float
+    opens_k: float
+
+    def draw_of_motions(self) -> None:
+        """Place, length and begin of a buckle, and how fast pockets pulse; from a generator of their own."""
+        own = self.rng.spawn(1)[0]
+        middle, half = self.site.drive_range_m(self.place)
+        self.buckle_at_m = middle + half * float(own.uniform(-0.3, 0.3))
+        self.buckle_m = float(own.uniform(*BUCKLE_M))
+        self.buckles_k = float(own.uniform(*BUCKLES_K))
+        self.pockets_s = float(own.uniform(*POCKETS_S))
+        self.pockets_at = float(own.uniform(0.0, 2.0 * np.pi))
+
+    def _to_a_side(self, x: Array, payload_kg: Array) -> Array:
+        """How far the carriage leans to the side that its last motion puts it to (n,)."""
+        if self.variant == "off_centre_drive":
+            return np.asarray(PRELOADED + LOADED * payload_kg / FULL_PAYLOAD_KG)
+        worn = np.exp(-(((x - self.joint) / GIB_WORN) ** 2))
+        return np.asarray(GIB_LEFT + (1.0 - GIB_LEFT) * worn)
+
+    def _by_motion(self, x: Array, state: MotionState) -> Array:
+        """What the last motion, the next carriage or warmth makes of the line or the angle (n,)."""
+        if self.variant == "carriage_abreast":
+            return np.asarray(np.exp(-np.abs(beside_m(self.site, state, self.place)) / self.abreast_m))
+        if self.variant == "buckled_rail":
+            return self._buckled(state)
+        if self.variant == "pulsing_pockets":
+            return self._pulsed(state)
+        if self.variant == "warm_gap":
+            return self._opened(state)
+        if self.variant == "racked_frame":
+            return self._racked(x, state)
+        if self.variant == "tilting_pad":
+            return self._ridden_up(state)
+        return state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
+
+    def _opened(self, state: MotionState) -> Array:
+        """How far a carriage with open blocks follows the waves of its rail (n,)."""
+        gap = np.maximum(above_reference_k(self.site, state) - self.opens_k, 0.0) / GAP_K
+        wave = np.sin(2.0 * np.pi * state.q_m[:, self.place] / self.values["wavelength_m"] + self.phase)
+        return np.asarray((TIGHT + gap) * wave)
+
+    def _racked(self, x: Array, state: MotionState) -> Array:
+        """How a frame that the next carriage racks moves this guide (n,)."""
+        b = (self.place + 1) % len(self.site.machine.sliders)
+        middle, half = self.site.drive_range_m(b)
+        return np.asarray((state.q_m[:, b] - middle) / half * (RACKS * x + BOWS * (2.0 * x**2 - 1.0)))
+
+    def _ridden_up(self, state: MotionState) -> Array:
+        """How far a pad has tilted (n,), with the waves of its rail."""
+        a = self.place
+        film = np.sqrt(np.maximum(state.speed_m_per_s[:, a], 0.0) / PAD_M_PER_S)
+        left = state.direction[:, a] * film / np.sqrt(1.0 + state.since_s[:, a] / self.pad_s)
+        return np.asarray(
+            left + WAVY * np.sin(2.0 * np.pi * state.q_m[:, a] / self.values["wavelength_m"] + self.phase)
+        )
+
+    def _buckled(self, state: MotionState) -> Array:
+        """How far a rail has buckled where its carriage stands (n,): a whole wave with level ends."""
+        beyond_k = np.maximum(above_reference_k(self.site, state) - self.buckles_k, 0.0)
+        turn = 2.0 * np.pi * np.clip((state.q_m[:, self.place] - self.buckle_at_m) / self.buckle_m, -0.5, 0.5)
+        return np.asarray(np.sqrt(beyond_k / BUCKLE_K) * 0.5 * (1.0 + np.cos(turn)))
+
+    def _pulsed(self, state: MotionState) -> Array:
+        """How far a carriage on pulsing pockets follows the waves of its rail (n,), this way or that."""
+        pulse = np.sin(2.0 * np.pi * self.elapsed_s(state) / self.pockets_s + self.pockets_at)
+        wave = np.sin(2.0 * np.pi * state.q_m[:, self.place] / self.values["wavelength_m"] + self.phase)
+        return np.asarray((STEADY + PULSES * pulse) * wave)

@@ -50,6 +50,9 @@ class ColumnGrowth(Warming):
     column from there, its warmth falling with the power 5/3 of the height as in a plume: B. R. Morton, G. I. Taylor, J.
     S. Turner, "Turbulent Gravitational Convection from Maintained and Instantaneous Sources" (1956). The size is where
     it ends right above the hatch if that stays open, which it nears with tau_s; else it cools.
+    `braking_resistor`: the weight of what its carriage lowers drives the motor, and a resistor inside the column takes
+    up what that gives back, by the way downwards, however fast: H. Ward Leonard, "Volts versus Ohms: Speed Regulation
+    of Electric Motors" (1896). The size is where it ends at DUTY_M_PER_S on average, as much up as down.
     """
 
     sensor = "columns"
@@ -66,6 +69,8 @@ class ColumnGrowth(Warming):
         self.wave_m = float(self.rng.uniform(*WAVE_M))
         self.next = (self.place + 1) % len(self.site.machine.sliders)
         per_m = 1.0 / (DUTY_M_PER_S * THROTTLED_M_PER_S**2 * tau)
+        per_way_m = 2.0 / (DUTY_M_PER_S * tau)
+        self._lowered = LegMemory(lambda way, _speed, _: per_way_m * np.maximum(-way, 0.0), tau)
         self._oil = LegMemory(lambda way, speed, _: per_m * np.abs(way) * speed**2, tau)
         fades_s = (tau, *(tau / (1.0 + k**2 / PLATE) for k in (1.0, 3.0)))
         self._heat = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * tau), *fades_s)
@@ -77,6 +82,8 @@ class ColumnGrowth(Warming):
         """Let the carriage warm its rail, or the next one the oil."""
         if self.variant == "neighbours_oil" and drive == self.next:
             self._oil.record(leg)
+        if self.variant == "braking_resistor" and drive == self.place:
+            self._lowered.record(leg)
         if self.variant == "draughty_hatch" and drive == self.place:
             self._draught.record(leg)
         if self.variant == "rail_heat" and drive == self.place:
@@ -114,6 +121,8 @@ class ColumnGrowth(Warming):
             return -self._chilled(self.elapsed_s(state)) * height_m
         if self.variant == "neighbours_oil":
             return self._oil.at(state, self.next)[:, 0] * height_m
+        if self.variant == "braking_resistor":
+            return self._lowered.at(state, self.place)[:, 0] * height_m
         if self.variant == "heat_wave":
             return self._waved_m(self.elapsed_s(state), height_m)
         return self._draught.at(state, self.place) * self._in_plume_m(state.q_m[:, self.place])
@@ -157,7 +166,7 @@ class ColumnGrowth(Warming):
             deviation.travel_m[:, self.place] += alpha * self.size * warm_m
         elif self.variant == "fin":
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
-        elif self.variant in ("drying", "neighbours_oil", "draughty_hatch", "heat_wave"):
+        elif self.variant in ("drying", "neighbours_oil", "draughty_hatch", "heat_wave", "braking_resistor"):
             deviation.travel_m[:, self.place] += alpha * self.size * self._warm_m(state, height)
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
             deviation.travel_m[:, self.place] += 0.5 * grown * height**2

@@ -15,11 +15,15 @@ POLL_S = 1024.0
 COUPLED_S = 6.0  # in which a following error dies out
 OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
 RESOLVER_M = 0.02  # travel of a slider in one turn of its resolver
-HOUR_S = 3600.0
+HOUR_S, GRID_S = 3600.0, 30.0
+BY_CLOCK = ("clock_skew", "clock_ageing", "restarted", "steered_clock", "beating_cycles", "warm_quartz")
+BEST_K, QUARTZ_K = (-1.0, 1.0), 1.0  # of a quartz: its best temperature beyond that of the begin; off by so much it
+# has the size
 DRAG_M = 0.12  # half of the play with which another axis drags a chain along
 RESTARTS = 32
 STEERS_S, DAMPED = (900.0, 1800.0), 0.05  # of a clock's loop: period, damping
 GIVES, SILK_S = 0.5, (5.0, 20.0)  # of a thread: what it gives way by in long rest of the other axis; time constant
+TAUT = (-0.4, 0.2)  # of half the other axis's travel, from its middle: where a rope is taut
 CROWDED_M_PER_S, FULL = (1.3, 2.0), 0.95  # of a bus: sum of all speeds that fills it; share that is not exceeded
 BEATS_S = (150.0, 500.0)  # in which one cycle runs past another
 LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
@@ -57,6 +61,8 @@ class AxisCoupling(Effect):
     `silk_after_effect`: a thread ties both axes, gives way under each pull while the other one rests, and is tight
     again with its next motion: W. Weber, "Ueber die Elasticität der Seidenfäden" (1835). The ratio is that of a thread
     that has not given way yet.
+    `taut_rope`: a rope ties both axes and is slack until the other one has gone far enough; from there on it pulls, in
+    proportion to how much farther that goes: S. Stevin, "De Beghinselen der Weeghconst" (1586).
     """
 
     def setup(self) -> None:
@@ -65,6 +71,7 @@ class AxisCoupling(Effect):
         self.other = (self.place + 1) % len(self.site.machine.sliders)
         self.lead_m = float(self.rng.choice(LEADS_M))
         self.silk_s = float(self.rng.uniform(*SILK_S))
+        self.taut_m = self.site.drive_range_m(self.other)[1] * float(self.rng.uniform(*TAUT))
         self._chain = Dragged(DRAG_M, self.site.drive_range_m(self.other)[0])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -103,6 +110,8 @@ class AxisCoupling(Effect):
             y = 0.25 * np.sin(2.0 * np.pi * state.q_m[:, b] / self.lead_m + self.phase)
         elif self.variant in ("loaded_bridge", "oily_link", "shared_rope", "silk_after_effect"):
             y = x * self._passes(state)
+        elif self.variant == "taut_rope":
+            y = 2.0 * np.maximum(x - self.taut_m, 0.0)
         elif self.variant == "dragged_chain":
             y = self._chain.at(state, b) - middle
         elif self.variant == "elastic_bed":
@@ -153,6 +162,9 @@ class Latency(Effect):
     `crowded_bus`: every drive sends messages as fast as it moves, and what asks for the station waits behind all of
     them, with one over what is free of the bus: K. Tindell, A. Burns, A. J. Wellings, "Calculating Controller Area
     Network (CAN) Message Response Times" (1995). The size is the delay of a free bus.
+    `warm_quartz`: the station's clock was set at the campaign's begin, and its quartz runs slow by the square of how
+    far the air's temperature is from its best, so that its error adds up: W. G. Cady, "Piezoelectricity" (1946). The
+    size is the error after one hour QUARTZ_K off.
     """
 
     def setup(self) -> None:
@@ -165,6 +177,7 @@ class Latency(Effect):
         self.switches_m_per_s = float(self.rng.uniform(*SWITCHES_M_PER_S))
         self.resonates_m_per_s = float(self.rng.uniform(*RESONATES_M_PER_S))
         self.crowded_m_per_s = float(self.rng.uniform(*CROWDED_M_PER_S))
+        self.best_k = float(self.rng.uniform(*BEST_K))
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -174,13 +187,15 @@ class Latency(Effect):
             return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
         if self.variant == "queued":  # the phase of another message is the chance: the same whenever it is asked for
             return np.asarray(-self.size * np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
-        if self.variant in ("clock_skew", "clock_ageing", "restarted", "steered_clock", "beating_cycles"):
+        if self.variant in BY_CLOCK:
             t = self.elapsed_s(state)
             share = t % POLL_S / POLL_S if self.variant == "clock_skew" else (t / HOUR_S) ** 2
             if self.variant == "restarted":
                 share = self.restarts[state.exchanges.astype(int) % RESTARTS]
             elif self.variant == "beating_cycles":
                 share = 2.0 * ((t / self.beats_s + self.phase) % 1.0)
+            elif self.variant == "warm_quartz":
+                share = self._run_slow(state)
             elif self.variant == "steered_clock":
                 share = self._left_of_step(t)
             return np.asarray(self.size * share)
@@ -196,6 +211,15 @@ class Latency(Effect):
                 share = 1.0 / (1.0 + ((speed / self.resonates_m_per_s - 1.0) / BROAD) ** 2)
             return np.asarray(self.size * share)
         return self.size
+
+    def _run_slow(self, state: MotionState) -> Array:
+        """What a clock has lost since it was set (n,), over that of an hour QUARTZ_K off."""
+        start_s = self.site.start_s
+        grid = np.arange(start_s, max(float(state.t_s.max()), start_s) + 2.0 * GRID_S, GRID_S)
+        air_c = state.thermal.air_series_c(grid)
+        rate = ((air_c - air_c[0] - self.best_k) / QUARTZ_K) ** 2
+        lost = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * GRID_S / HOUR_S
+        return np.asarray(np.interp(state.t_s, grid, lost))
 
     def _left_of_step(self, t: Array) -> Array:
         """Error of the clock (n,) over the step."""
@@ -231,8 +255,9 @@ EFFECTS = (
             "shared_rope",
             "oily_link",
             "silk_after_effect",
+            "taut_rope",
         ),
-        final="silk_after_effect",
+        final="taut_rope",
         reveals="the other drive's coordinate or motion, by variant payload, direction, dwell, temperature, SMRs on "
         "the sliders",
         make=AxisCoupling,
@@ -256,9 +281,10 @@ EFFECTS = (
             "adaptive_filter",
             "group_delay",
             "crowded_bus",
+            "warm_quartz",
         ),
-        final="crowded_bus",
-        reveals="readings on the fly at several speeds, or short dwell",
+        final="warm_quartz",
+        reveals="readings on the fly at several speeds, or short dwell, by variant time and a temperature swing",
         make=Latency,
     ),
 )

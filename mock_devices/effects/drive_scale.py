@@ -26,6 +26,7 @@ SLIPS_M_PER_S, SLIPS = 0.2, 15.0  # a stop from this speed slips no coupling; su
 DAMP_S = (1500.0, 5000.0)  # of a scale that takes up moisture: slowest time constant
 JUMPS_S, JUMPS = 900.0, 3.0  # of a belt that jumps: mean time between two jumps; jumps to the size
 UP_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a reader's range: switched above the begin; how much cooler back
+MAINS_S = (250.0, 800.0)  # in which the frequency of the mains swings
 RELAXES_S, HOUR_S = 60.0, 3600.0
 _GRID_S = 30.0
 
@@ -63,6 +64,9 @@ class DriveScale(StatefulEffect):
     `switching_range`: the reader switches its range as its drive grows warmer than one temperature, and back when it is
     cooler than another, and with the range its scale: relays in A. Visintin, "Differential Models of Hysteresis"
     (1994). Both lie near the temperature of the campaign's begin.
+    `wandering_mains`: from the onset on the control takes its clock from the mains, whose frequency swings slowly as
+    power stations share a load, and a scale that goes by that clock swings with it: N. Cohn, "Control of Generation and
+    Power Flow on Interconnected Systems" (1966). The size is the amplitude at the end of the travel.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -78,6 +82,8 @@ class DriveScale(StatefulEffect):
         self.jumps_s = np.concatenate([[0.0], np.cumsum(self.rng.exponential(JUMPS_S, 60))])
         self.up_k = float(self.rng.uniform(*UP_K))
         self.back_k = self.up_k - float(self.rng.uniform(*BACK_K))
+        self.mains_s = float(self.rng.uniform(*MAINS_S))
+        self.mains_at = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         onset_s = self.site.start_s + self.values["onset_s"]
         self._slid = LegMemory(
@@ -128,6 +134,9 @@ class DriveScale(StatefulEffect):
             y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
         elif self.variant == "switching_range":
             y = self.sign * self._switched(state) * from_middle
+        elif self.variant == "wandering_mains":
+            swing = np.sin(2.0 * np.pi * self.elapsed_s(state) / self.mains_s + self.mains_at)
+            y = after * swing * from_middle
         elif self.variant == "damp_scale":
             damp_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
             y = after * conducted(damp_s, self.damp_s) * (from_middle + 1.0) / 2.0
@@ -183,8 +192,9 @@ EFFECTS = (
             "slipping_coupling",
             "jumping_belt",
             "switching_range",
+            "wandering_mains",
         ),
-        final="switching_range",
+        final="wandering_mains",
         reveals="time or motions made, a temperature swing, by variant their speed and direction, drive coordinate, "
         "SMRs on the sliders",
         make=DriveScale,

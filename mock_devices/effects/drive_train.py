@@ -28,6 +28,7 @@ CHANGE_M, UNEQUAL = (
     (0.06, 0.1),
     (0.06, 0.12),
 )  # of change wheels: travel of a turn of one; by how much the other differs
+TERMS = (3, 7)  # of a corrector
 BLOW_M, WAVES = (0.4, 0.7), (4.0, 7.0)  # of a blow on a tape: how far below the travel; waves along that
 
 
@@ -56,6 +57,8 @@ class CumulativeError(Effect):
     `dispersed_blow`: a blow below its end has run along a tape while that was glued, long waves ahead of short ones,
     and they have stayed: phase with one over the distance, height with its power -3/2, as in Lord Kelvin, "On the Waves
     Produced by a Single Impulse in Water of Any Depth, or in a Dispersive Medium" (1887).
+    `few_terms`: two pieces of a screw are off by a step, and a corrector that has only some harmonics of twice the
+    travel takes it away but for its edge, which rings on both sides: J. W. Gibbs, "Fourier's Series" (1899).
     """
 
     def setup(self) -> None:
@@ -96,6 +99,12 @@ class CumulativeError(Effect):
         blown = self._blown(fine)
         self.blown_level = np.polyfit(fine, blown, 1)
         self.blown_most = float(np.abs(blown - np.polyval(self.blown_level, fine)).max())
+        own = self.rng.spawn(1)[0]
+        self.terms = int(own.integers(TERMS[0], TERMS[1] + 1))
+        self.step_m = middle + half * float(own.uniform(-0.4, 0.4))
+        left = self._beyond_terms(fine)
+        self.left_level = np.polyfit(fine, left, 1)
+        self.left_most = float(np.abs(left - np.polyval(self.left_level, fine)).max())
         self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
@@ -129,6 +138,13 @@ class CumulativeError(Effect):
         turns = self.waves / (1.0 / near_m - 1.0 / far_m) / from_blow_m
         return np.asarray((near_m / from_blow_m) ** 1.5 * np.cos(2.0 * np.pi * turns - 0.25 * np.pi))
 
+    def _beyond_terms(self, q_m: Array) -> Array:
+        """What odd harmonics leave of a step (n,), over half the step."""
+        _, half = self.site.drive_range_m(self.place)
+        odd = 2.0 * np.arange(self.terms) + 1.0
+        turn = np.pi * (q_m - self.step_m) / (2.0 * half)
+        return np.asarray(np.where(turn < 0.0, -1.0, 1.0) - 4.0 / np.pi * np.sin(np.outer(turn, odd)) @ (1.0 / odd))
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
         middle, half = self.site.drive_range_m(self.place)
@@ -150,10 +166,11 @@ class CumulativeError(Effect):
         elif self.variant == "sagging_tape":
             q = state.q_m[:, self.place]
             y = (self._along_tape(q) - np.polyval(self.tape_level, q)) / self.tape_most
-        elif self.variant in ("copied_gear", "beating_wheels", "dispersed_blow"):
+        elif self.variant in ("copied_gear", "beating_wheels", "dispersed_blow", "few_terms"):
             waves, level, most = {
                 "copied_gear": (self._copied, self.copied_level, self.copied_most),
                 "beating_wheels": (self._beating, self.beating_level, self.beating_most),
+                "few_terms": (self._beyond_terms, self.left_level, self.left_most),
                 "dispersed_blow": (self._blown, self.blown_level, self.blown_most),
             }[self.variant]
             q = state.q_m[:, self.place]
@@ -187,8 +204,9 @@ EFFECTS = (
             "stitched_fields",
             "beating_wheels",
             "dispersed_blow",
+            "few_terms",
         ),
-        final="dispersed_blow",
+        final="few_terms",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -213,8 +231,9 @@ EFFECTS = (
             "twisted_phase",
             "growing_runout",
             "geared_together",
+            "conical_drum",
         ),
-        final="geared_together",
+        final="conical_drum",
         reveals="many drive positions off a grid, by variant direction, payload and distance moved, the other "
         "drive's coordinate, SMRs on the sliders",
         make=PeriodicError,

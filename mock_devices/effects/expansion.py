@@ -49,6 +49,9 @@ class ExpansionCoefficient(Effect):
     `stressed_alloy`: the coefficient of the struts changes with the stress in them, here with the payload, and is as
     stated without any: A. R. Rosenfield, B. L. Averbach, "Effect of Stress on the Expansion Coefficient" (1956). The
     size is that with FULL_PAYLOAD_KG.
+    `graded_screw`: the screws were drawn from graded steel, whose coefficient is as stated at the lower end and grows
+    evenly to the upper one, so that the error goes with the square of the place: S. Suresh, A. Mortensen,
+    "Fundamentals of Functionally Graded Materials" (1998). The size is that at the upper end.
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -95,13 +98,19 @@ class ExpansionCoefficient(Effect):
                 share = (self.across * slider.axis.conjugate()).real ** 2
                 deviation.travel_m[:, a] += self.size * share * self.warmth_k(state, "drives") * state.q_m[:, a]
             return
-        if self.variant != "screws":
+        if self.variant not in ("screws", "graded_screw"):
             frame_k = self.warmth_k(state, "base")
             if self.variant == "mean_of_sensors":  # the sensor hangs at one end of a part that goes through the room
                 frame_k = 0.5 * (frame_k + self.warmth_k(state, "drives"))
             self._grow_frame(self.size * frame_k, deviation)
         if self.variant != "mean_of_sensors":
-            deviation.travel_m += self.size * self.warmth_k(state, "drives")[:, None] * state.q_m
+            grown_m = self._graded_m(state.q_m) if self.variant == "graded_screw" else state.q_m
+            deviation.travel_m += self.size * self.warmth_k(state, "drives")[:, None] * grown_m
+
+    def _graded_m(self, q_m: Array) -> Array:
+        """Length of each screw (n, drives) up to its nut, each part of it by its coefficient over the size."""
+        low, high = np.array([slider.travel_m for slider in self.site.machine.sliders]).T
+        return np.asarray(0.5 * (q_m - low) ** 2 / (high - low))
 
     def _grown(self, strain: Array, place: complex) -> Complex:
         """How far a place of the frame goes (n,): with the frame, or across its fibres alone."""
@@ -209,8 +218,9 @@ EFFECTS = (
             "martensite",
             "curie_kink",
             "stressed_alloy",
+            "graded_screw",
         ),
-        final="stressed_alloy",
+        final="graded_screw",
         reveals="recorded temperatures of the parts, by variant with the payload, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),

@@ -20,6 +20,7 @@ LOADINGS, HARDENS = 4.0, 0.4  # exchanges of payload after which the size is rea
 FOLLOWS = 0.05  # time constant in which wet soil follows its load, over tau_s
 CYCLES_S, WATERED = (800.0, 1600.0), 0.3  # of sprinklers: cycle; share of it that they run
 SWELLS, DRIES = 0.1, 0.3  # time constants of clay that takes up water and loses it, over tau_s
+REBOUNDS, EARLY = 2.5, (0.08, 0.25)  # of relieved ground: rise over the size; time of the rise over that of its end
 AT_ONCE = 0.5  # share of a bowl under the other foot that follows at once
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
@@ -58,6 +59,9 @@ class FoundationSettling(Effect):
     `watered_clay`: from the onset on sprinklers run in a fixed cycle, clay under the foot takes up their water and
     swells, and dries between, more slowly, so that the foot rises and sinks: L. A. Richards, "Capillary Conduction of
     Liquids Through Porous Mediums" (1931). The size is how far clay that is always wet would lift it.
+    `rebounding_ground`: ground that was relieved at the onset rises at once in a narrow bowl and sinks in the end, more
+    slowly, in a wide one: N. A. Haskell, "The Motion of a Viscous Fluid Under a Surface Load" (1935). The narrow one
+    comes and goes within a share of tau_s. The size is how far it ends below where it was.
     """
 
     def setup(self) -> None:
@@ -70,6 +74,7 @@ class FoundationSettling(Effect):
         self.next = (self.place + 1) % len(self.site.machine.sliders)
         self._bowl = PlaceMemory(self._weight_beside, FOLLOWS * self.values["tau_s"])
         self.cycle_s = float(self.rng.uniform(*CYCLES_S))
+        self.early = float(self.rng.spawn(1)[0].uniform(*EARLY))
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -91,9 +96,12 @@ class FoundationSettling(Effect):
         return np.asarray((high - q_m) / (high - low))
 
     def _by_load(self, state: MotionState, after_s: Array) -> Array:
-        """How far the foot has sunk (n,) by what has stood on it or wets it, over the size."""
+        """How far the foot has sunk (n,) by what stands or stood on it or wets it, over the size."""
         if self.variant == "watered_clay":
             return -self._swollen(after_s)
+        if self.variant == "rebounding_ground":
+            slow, fast = (np.exp(-after_s / (part * self.values["tau_s"])) for part in (1.0, self.early))
+            return np.asarray(1.0 - slow - REBOUNDS * (slow - fast))
         if self.variant == "repeated_loads":
             return np.asarray((state.exchanges / LOADINGS) ** HARDENS)
         softened = 1.0 - np.exp(-after_s / self.values["tau_s"])
@@ -137,7 +145,13 @@ class FoundationSettling(Effect):
             share = np.log1p(shaken / SAND_M2_PER_S2) / np.log1p(SAND_TIMES)
         elif self.variant == "pumped_well":
             share = (_drawn_down(after / tau) - _drawn_down((t - self.pumps_s) / tau)) / _drawn_down(np.array([4.0]))
-        elif self.variant in ("repeated_loads", "follows_weight", "neighbours_bowl", "watered_clay"):
+        elif self.variant in (
+            "repeated_loads",
+            "follows_weight",
+            "neighbours_bowl",
+            "watered_clay",
+            "rebounding_ground",
+        ):
             share = self._by_load(state, after)
         elif self.variant == "curling_slab":
             begins_s = self.site.start_s + self.values["onset_s"]
@@ -183,8 +197,9 @@ EFFECTS = (
             "follows_weight",
             "neighbours_bowl",
             "watered_clay",
+            "rebounding_ground",
         ),
-        final="watered_clay",
+        final="rebounding_ground",
         reveals="time, motions or exchanges of payload made, by variant places, also of the other drive, a "
         "temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,

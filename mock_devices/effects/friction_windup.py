@@ -20,6 +20,7 @@ LIPS, LIPS_DOWN = 0.35, 0.45  # friction of seals: share that no speed changes; 
 LASTS, RUNS_IN_M = 0.25, 40.0  # friction of a screw that is run in over that of a new one; way in which it falls by e
 TIGHT, FREE = 0.3, 0.15  # of a bent guide: half the stretch that binds over half the travel; friction outside it
 SQUARE, JAMS_M = 0.2, (0.6, 1.0)  # of a drawer: friction while it is square, over the size; how far askew it has that
+OILED, OILS_S = 0.25, (700.0, 1800.0)  # friction right after a pulse of oil, over the size; cycle of a lubricator
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
@@ -52,6 +53,9 @@ class FrictionWindup(Play):
     `jammed_drawer`: the next carriage pulls the frame askew by how far it stands above or below this one, and this
     guide jams like a drawer, whose own friction presses it, with one over what is left to self-locking: G. Niemann,
     "Maschinenelemente" (1950). `friction_n` is that of the farthest apart, from where on stops hold the frame.
+    `oiled_anew`: a lubricator gives oil in a fixed cycle, which is pressed out of the guide as evenly, so that friction
+    rises until the next pulse: A. G. M. Michell, "Lubrication: Its Principles and Practice" (1950). `friction_n` is
+    that right before a pulse.
     """
 
     def setup(self) -> None:
@@ -62,6 +66,8 @@ class FrictionWindup(Play):
         self.binds_m = middle + half * float(self.rng.uniform(-0.4, 0.4))
         self._run = LegMemory(ways_m)
         self.jams_m = float(self.rng.uniform(*JAMS_M))
+        self.oils_s = float(self.rng.uniform(*OILS_S))
+        self.oiled = float(self.rng.uniform(0.0, 1.0))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the grease remember, too."""
@@ -98,9 +104,8 @@ class FrictionWindup(Play):
             friction = friction * (0.5 + np.exp(-state.speed_m_per_s[:, a] / 0.25))
         elif self.variant == "relaxing":
             friction = friction * (0.3 + 0.7 * np.exp(-state.since_s[:, a] / values["tau_s"]))
-        elif self.variant == "warming_grease":
-            warmer_k = GREASE_K * (1.0 - np.exp(-self.elapsed_s(state) / GREASE_S))
-            friction = friction * np.exp(-GREASE_PER_K * warmer_k)
+        elif self.variant in ("warming_grease", "oiled_anew"):
+            friction = friction * self._lasted(self.elapsed_s(state))
         elif self.variant == "thixotropic":
             before = np.array([self._structure[a][k] for k in state.leg[:, a].tolist()])
             left = before * np.exp(-np.abs(state.q_m[:, a] - state.from_m[:, a]) / SHEARED_M)
@@ -125,6 +130,12 @@ class FrictionWindup(Play):
         elif self.variant == "position_friction":
             friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
         return np.asarray(friction)
+
+    def _lasted(self, elapsed_s: Array) -> Array:
+        """Friction by time alone (n,), over the size: of a grease that grows warm, or since the last pulse of oil."""
+        if self.variant == "warming_grease":
+            return np.asarray(np.exp(-GREASE_PER_K * GREASE_K * (1.0 - np.exp(-elapsed_s / GREASE_S))))
+        return np.asarray(OILED + (1.0 - OILED) * ((elapsed_s / self.oils_s + self.oiled) % 1.0))
 
     def _pressed(self, state: MotionState) -> Array:
         """Friction of a guide (n,) by what presses it: the struts, or a frame askew; over the size."""
@@ -176,9 +187,11 @@ EFFECTS = (
             "running_in",
             "tight_stretch",
             "jammed_drawer",
+            "oiled_anew",
         ),
-        final="jammed_drawer",
-        reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, earlier motions",
+        final="oiled_anew",
+        reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, time, earlier "
+        "motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,
     ),

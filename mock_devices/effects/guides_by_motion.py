@@ -57,16 +57,16 @@ class GuideByMotion(Effect):
         """What the last motion, the next carriage or warmth makes of the line or the angle (n,)."""
         if self.variant == "carriage_abreast":
             return np.asarray(np.exp(-np.abs(beside_m(self.site, state, self.place)) / self.abreast_m))
-        if self.variant == "buckled_rail":
-            return self._buckled(state)
-        if self.variant == "pulsing_pockets":
-            return self._pulsed(state)
-        if self.variant == "warm_gap":
-            return self._opened(state)
+        forms = {
+            "buckled_rail": self._buckled,
+            "pulsing_pockets": self._pulsed,
+            "warm_gap": self._opened,
+            "tilting_pad": self._ridden_up,
+        }
+        if self.variant in forms:
+            return forms[self.variant](state)
         if self.variant == "racked_frame":
             return self._racked(x, state)
-        if self.variant == "tilting_pad":
-            return self._ridden_up(state)
         return state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
 
     def _opened(self, state: MotionState) -> Array:

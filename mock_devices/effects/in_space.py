@@ -59,6 +59,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "martensite",
         "curie_kink",
         "stressed_alloy",
+        "graded_screw",
     ),
     "link_stiffness": (
         "softer",
@@ -68,6 +69,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "warm_adhesive",
         "seated_taper",
         "fractional_rubber",
+        "snapped_truss",
     ),
     "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,

@@ -23,9 +23,11 @@ LEVER_M = 3.2
 SWAYS_S = ((600.0, 1300.0), (1800.0, 3300.0))  # periods of a building that sways
 SHAKEN_M2_PER_S2 = 40.0  # sum of squared speeds that moves a stand by the size
 PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
+HOLDS_K, DRAGGED = (0.1, 0.4), 3.0  # of feet: kelvin that friction holds; see `dragged_feet`
 SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
 FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
 TRACKS_M_PER_S, COOLS_S = 0.04, 900.0  # of a station that follows motions: mean of their speeds for the size; cooling
+_GRID_S = 30.0
 
 
 def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
@@ -71,6 +73,9 @@ class StationDrift(Effect):
     as the weight on it: a linear body under single loads in J. Boussinesq, "Application des potentiels à l'étude de
     l'équilibre et du mouvement des solides élastiques" (1885). A column bears more the lower its carriage stands. The
     size is that of one carriage at its lower end without payload.
+    `dragged_feet`: its plate grows with the air's temperature, and friction holds its feet until that has strained them
+    enough, so that they follow late and stay where they are as the air turns: H. Blok, "Fundamental Mechanical Aspects
+    of Boundary Friction" (1940). A kelvin beyond what friction holds moves it by DRAGGED times the size.
     """
 
     def setup(self) -> None:
@@ -99,6 +104,7 @@ class StationDrift(Effect):
         self.sways = sways / np.linalg.norm(sways, axis=1)[:, None] * np.sqrt(3.0)
         hollows = own.standard_normal((len(self.site.machine.sliders), 6))
         self.hollows = hollows / np.linalg.norm(hollows, axis=1)[:, None] * np.sqrt(3.0)
+        self.holds_k = float(own.uniform(*HOLDS_K))
 
     def _switched(self, elapsed_s: Array) -> Array:
         """Warmth (n,) from 0, where the fan stops, to 1, where it starts; SWITCHES is the time constant of either part
@@ -128,6 +134,19 @@ class StationDrift(Effect):
         own_kg = self.site.machine.moving_mass_kg
         return np.asarray((high - state.q_m) / (high - low) * ((own_kg + state.payload_kg) / own_kg)[:, None])
 
+    def _by_air_k(self, state: MotionState) -> Array:
+        """Change of the air's temperature since the begin (n,), or what of it the feet have followed."""
+        start_s = self.site.start_s
+        if self.variant == "with_air":
+            return state.thermal.air_series_c(state.t_s) - state.thermal.air_series_c(np.array([start_s]))
+        grid = np.arange(start_s, max(float(state.t_s.max()), start_s) + 2.0 * _GRID_S, _GRID_S)
+        air_c = state.thermal.air_series_c(grid)
+        followed, now = np.empty_like(grid), 0.0
+        for k, warmer_k in enumerate((air_c - air_c[0]).tolist()):
+            now = min(max(now, warmer_k - self.holds_k), warmer_k + self.holds_k)
+            followed[k] = now
+        return np.asarray(np.interp(state.t_s, grid, followed))
+
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
         """Move the frame."""
         t = self.elapsed_s(state)
@@ -151,9 +170,8 @@ class StationDrift(Effect):
             y = np.outer(self._switched(t), self.weights)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
-        elif self.variant == "with_air":
-            start = state.thermal.air_series_c(np.array([self.site.start_s]))
-            y = np.outer(3.0 * (state.thermal.air_series_c(state.t_s) - start), self.weights)
+        elif self.variant in ("with_air", "dragged_feet"):
+            y = np.outer(DRAGGED * self._by_air_k(state), self.weights)
         elif self.variant == "knocked":
             y = np.outer((t >= self.onset_s).astype(float), self.weights)
         else:
@@ -182,9 +200,11 @@ EFFECTS = (
             "tracking_heat",
             "swaying_building",
             "carriages_weight",
+            "dragged_feet",
         ),
-        final="carriages_weight",
-        reveals="time or motions made, by variant both drives' coordinates and payload, floor nests",
+        final="dragged_feet",
+        reveals="time or motions made, by variant both drives' coordinates, payload and a temperature swing, floor "
+        "nests",
         make=StationDrift,
     ),
     EffectSpec(
@@ -211,8 +231,9 @@ EFFECTS = (
             "sun_patch",
             "warm_puffs",
             "heaving_layers",
+            "convection_cells",
         ),
-        final="heaving_layers",
+        final="convection_cells",
         reveals="angles, or ranges, against height and distance, by variant time, motions made, all SMRs and nests "
         "alike",
         make=Refraction,

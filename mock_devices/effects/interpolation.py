@@ -17,6 +17,8 @@ IMAGES_M = (0.35, 0.9)  # travel over which the gap of a scale goes from one ima
 SET_K, SIGNALS_K = (1.5, 4.0), 1.5  # how far from the reference signals were corrected; kelvin that give the size
 DROP_M, SMEARS_M, WETTED = 0.12, 15.0, 2.0  # of a drop: half width at first; way that smears it; error at first
 PERIODS, ONE_TRACK = (15, 40), 0.7  # of one track for one more of the other; error of one track over the size
+CLOSE, LIFTS_KG = 0.9, (200.0, 500.0)  # contrast without payload; payload that takes all but 1 / e of it away
+FULL_PAYLOAD_KG = 400.0
 SQUARE = 0.4  # of half the travel: within which of its middle a twisted grating is square to its head, by lot
 SHADOW_RAD = 0.0711  # largest error of triangles
 
@@ -52,6 +54,9 @@ class Interpolation(Effect):
     `two_tracks`: the place is the mean of two tracks, the other one of which has one period more for some of this one,
     and both have offsets, so that the errors beat: P. Vernier, "La construction, l'usage, et les propriétés du quadrant
     nouveau de mathématique" (1631).
+    `lifted_head`: the payload tilts the carriage and lifts one end of the head off the scale, where the contrast of two
+    gratings falls off, so that one signal is weaker and the arc tangent errs in even harmonics: Lord Rayleigh, "On the
+    Manufacture and Theory of Diffraction-Gratings" (1874). The size is the first term with FULL_PAYLOAD_KG.
     """
 
     def setup(self) -> None:
@@ -70,6 +75,7 @@ class Interpolation(Effect):
         own = self.rng.spawn(1)[0]
         self.periods = int(own.integers(PERIODS[0], PERIODS[1] + 1))
         self.beats = float(own.uniform(0.0, 2.0 * np.pi))
+        self.lifts_kg = float(own.uniform(*LIFTS_KG))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the head smear the drop."""
@@ -88,6 +94,8 @@ class Interpolation(Effect):
         elif self.variant in ("ellipse", "harmonics", "two_tracks"):
             shapes = {"ellipse": self._ellipse, "harmonics": self._harmonics, "two_tracks": self._two_tracks}
             y = shapes[self.variant](phase)
+        elif self.variant == "lifted_head":
+            y = self._lifted(phase, state.payload_kg)
         elif self.variant == "shadow_gratings":
             error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
             y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
@@ -121,6 +129,12 @@ class Interpolation(Effect):
     def _two_tracks(self, phase: Array) -> Array:
         """Error of the mean of two tracks (n,) of unequal periods, over the size."""
         return np.asarray(ONE_TRACK * (np.sin(phase) + np.sin(phase * (1.0 + 1.0 / self.periods) + self.beats)))
+
+    def _lifted(self, phase: Array, payload_kg: Array) -> Array:
+        """Error of the arc tangent (n,) of a weaker sine, over its first term with a full payload."""
+        kept, least = (CLOSE * np.exp(-kg / self.lifts_kg) for kg in (payload_kg, FULL_PAYLOAD_KG))
+        error = np.arctan2(kept * np.sin(phase), np.cos(phase)) - phase
+        return np.asarray(((error + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + least) / (1.0 - least))
 
     def _harmonics(self, phase: Array) -> Array:
         """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
@@ -158,9 +172,11 @@ EFFECTS = (
             "smeared_drop",
             "twisted_grating",
             "two_tracks",
+            "lifted_head",
         ),
-        final="two_tracks",
-        reveals="many drive positions off a grid, by variant temperature or distance moved, SMRs on the sliders",
+        final="lifted_head",
+        reveals="many drive positions off a grid, by variant payload, temperature or distance moved, SMRs on the "
+        "sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
     ),

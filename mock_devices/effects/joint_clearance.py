@@ -76,7 +76,8 @@ class JointClearance(Effect):
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the motions of the strut's own drive wear its joints or turn their bush."""
-        if self.variant in ("wearing_pin", "turning_bush", "ratcheted_bush") and drive == self.site.machine.struts[self.place].drive:
+        own = drive == self.site.machine.struts[self.place].drive
+        if own and self.variant in ("wearing_pin", "turning_bush", "ratcheted_bush"):
             self._ways.record(leg)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -120,11 +121,10 @@ class JointClearance(Effect):
         if self.variant == "worn_hole":
             worn = np.exp(-((swing_rad(self.site.machine, i, state.q_m) / WORN_RAD) ** 2))
             return np.asarray(UNWORN + (1.0 - UNWORN) * worn)
-        if self.variant == "wearing_pin":
-            return NEW + (1.0 - NEW) * self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / WEARS_M
-        if self.variant == "ratcheted_bush":
-            worn = self._ways.at(state, self.site.machine.struts[i].drive)[:, 0] / self.takes_up_m
-            return np.asarray((worn + self.worn) % 1.0)
+        if self.variant in ("wearing_pin", "ratcheted_bush"):
+            way_m = self._ways.at(state, self.site.machine.struts[i].drive)[:, 0]
+            worn = (way_m / self.takes_up_m + self.worn) % 1.0
+            return np.asarray(NEW + (1.0 - NEW) * way_m / WEARS_M if self.variant == "wearing_pin" else worn)
         if self.variant in ("lobed_hole", "turning_bush"):
             turn = self.lobes * swing_rad(self.site.machine, i, state.q_m)
             if self.variant == "turning_bush":

@@ -46,29 +46,34 @@ class LegMemory:
 class PassMemory:
     """Metres that a drive has run within a stretch of its travel, which fade with a time constant.
 
-    They are left at the middle of a leg.
+    They are left at the middle of a leg, and count as many times as `weighs` says by its speed.
     """
 
-    def __init__(self, low_m: float, high_m: float, fade_s: float) -> None:
-        self._low_m, self._high_m, self._fade_s = low_m, high_m, fade_s
+    def __init__(
+        self, low_m: float, high_m: float, fade_s: float, weighs: Callable[[Array], Array] = np.ones_like
+    ) -> None:
+        self._low_m, self._high_m, self._fade_s, self._weighs = low_m, high_m, fade_s, weighs
         self._before = [0.0]
 
     def record(self, leg: Leg) -> None:
         """A leg and the rest after it have ended."""
-        ends = (np.array([x]) for x in (leg.from_m, leg.to_m, leg.start_s, leg.end_s, leg.until_s))
+        ends = (np.array([x]) for x in (leg.from_m, leg.to_m, leg.speed_m_per_s, leg.start_s, leg.end_s, leg.until_s))
         self._before.append(float(self._after(np.array([self._before[-1]]), *ends)[0]))
 
     def at(self, state: MotionState, drive: int) -> Array:
         """The metres (n,) at the moments of a state."""
         before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
         start_s, end_s = state.leg_start_s[:, drive], state.leg_end_s[:, drive]
-        return self._after(before, state.from_m[:, drive], state.q_m[:, drive], start_s, end_s, state.t_s)
+        speed = state.speed_m_per_s[:, drive]
+        return self._after(before, state.from_m[:, drive], state.q_m[:, drive], speed, start_s, end_s, state.t_s)
 
-    def _after(self, before: Array, from_m: Array, to_m: Array, start_s: Array, end_s: Array, t_s: Array) -> Array:
+    def _after(
+        self, before: Array, from_m: Array, to_m: Array, speed: Array, start_s: Array, end_s: Array, t_s: Array
+    ) -> Array:
         inside = np.clip(to_m, self._low_m, self._high_m) - np.clip(from_m, self._low_m, self._high_m)
         since_s = t_s - np.minimum(0.5 * (start_s + end_s), t_s)
         kept, left = np.exp(-(t_s - start_s) / self._fade_s), np.exp(-since_s / self._fade_s)
-        return np.asarray(before * kept + np.abs(inside) * left)
+        return np.asarray(before * kept + np.abs(inside) * self._weighs(speed) * left)
 
 
 def ways_m(way_m: Array, _speed: Array, _start_s: Array) -> Array:

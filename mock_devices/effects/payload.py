@@ -24,6 +24,8 @@ FILLS_S, DRAINS_S = 150.0, 400.0  # of coolant on the platform: time constants w
 COMES_S, GOES_S, QUEUE, COUNTED = 240.0, 200.0, 4.0, 400  # of parts: mean times between two that come and two that go
 # while there are any; how many have the size; comings and goings that are drawn
 SOAKS_S = 3600.0  # in which a block has drawn up the whole size
+BOLTS, LEFT_OVER, EXCHANGES = (0.3, 1.7), 4.0, 64  # left at an exchange, over the mean; exchanges that leave the size;
+# that are drawn
 CHIPS_S = 3600.0  # in which the whole size has gathered
 
 
@@ -59,6 +61,9 @@ class Payload(Effect):
     `waiting_parts`: somebody puts parts onto the platform at random moments and a robot takes them away one by one at
     others, whatever the payload, so that their number is that of a queue: A. K. Erlang, "The Theory of Probabilities
     and Telephone Conversations" (1909). The size is the mass of QUEUE parts.
+    `forgotten_bolts`: at every exchange somebody leaves clamps and bolts of the block before on the platform, a few or
+    many: H. W. Heinrich, "Industrial Accident Prevention" (1931). The size is what they weigh after LEFT_OVER exchanges
+    on average.
     """
 
     def setup(self) -> None:
@@ -71,6 +76,8 @@ class Payload(Effect):
         for k, lasts_s in enumerate(np.diff(self.pump_s).tolist()):
             self.pool.append(float(_pooled(np.array(self.pool[-1]), np.array(k), np.array(lasts_s))))
         self.changes_s, self.waiting = _queue(self.rng)
+        left = self.rng.uniform(*BOLTS, EXCHANGES) / LEFT_OVER
+        self.bolts = np.concatenate([[0.0], np.cumsum(left)])
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add mass, which the drives' torque shows, or move the centre, which it does not."""
@@ -90,6 +97,8 @@ class Payload(Effect):
             extra_kg = 2.0 * self.size * mounted * self._lifted(state)
         elif self.variant in ("gathering_chips", "coolant_pool", "waiting_parts"):
             extra_kg = self.size * self._lying(self.elapsed_s(state))
+        elif self.variant == "forgotten_bolts":
+            extra_kg = self.size * self.bolts[np.minimum(state.exchanges.astype(int), EXCHANGES)]
         elif self.variant == "soaking_block":
             extra_kg = self.size * mounted * np.sqrt(self.elapsed_s(state) / SOAKS_S)
         elif self.variant == "rope_of_counterweight":
@@ -168,9 +177,10 @@ EFFECTS = (
             "soaking_block",
             "rope_of_counterweight",
             "waiting_parts",
+            "forgotten_bolts",
         ),
-        final="waiting_parts",
-        reveals="payloads, torque; by variant time, dwell, height, direction",
+        final="forgotten_bolts",
+        reveals="payloads, torque; by variant time, exchanges, dwell, height, direction",
         make=Payload,
     ),
 )

@@ -16,6 +16,7 @@ SLIP_M = 6.0  # travel over which the balls of a nut fall behind by a whole orbi
 RIPPLES = 6  # of a motor's torque in one turn of the screw
 FRESH, ROUGHENS_M = 0.1, 100.0  # runout of a new bearing over the size; way of its drive after which it has the size
 GEARED, PASSED_ON = (0.25, 0.6), 0.8  # turns of a shaft for one of the next screw; what it passes on, over one's own
+CONE = (0.08, 0.3)  # by how much longer than in the middle a turn of a conical drum is at the upper end
 TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
 
@@ -47,6 +48,9 @@ class PeriodicError(Effect):
     ROUGHENS_M.
     `geared_together`: a shaft that gears this screw to the next one is not true either, and adds an error by the sum of
     what both have turned: R. Willis, "Principles of Mechanism" (1841). Both screws have the same lead.
+    `conical_drum`: a rope that moves the encoder's drum lies on a cone, so that a turn takes the longer a way the
+    higher the drive stands, and its error comes ever more rarely: W. Emerson, "The Principles of Mechanics" (1754). The
+    period is that in the middle of the travel.
     """
 
     def setup(self) -> None:
@@ -56,6 +60,7 @@ class PeriodicError(Effect):
         self.apart = float(self.rng.uniform(0.3, 0.7)) * np.pi  # phase between both flanks
         self.askew = float(self.rng.uniform(*ASKEW))
         self.geared = float(self.rng.uniform(*GEARED))
+        self.cone = float(self.rng.uniform(*CONE))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the balls of this drive slip, or its bearing wear."""
@@ -73,6 +78,10 @@ class PeriodicError(Effect):
             others_m = state.q_m[:, (self.place + 1) % len(self.site.machine.sliders)]
             shaft = turn + 2.0 * np.pi * self.geared * others_m / self.values["period_m"] + self.apart
             y = (1.0 - PASSED_ON) * y + PASSED_ON * np.sin(shaft)
+        elif self.variant == "conical_drum":
+            middle, half = self.site.drive_range_m(self.place)
+            wider = np.log1p(self.cone * (q - middle) / half) * half / self.cone
+            y = np.sin(2.0 * np.pi * wider / self.values["period_m"] + self.phase)
         elif self.variant == "ball_orbit":
             y = 0.9 * y + 0.6 * np.sin(BALL_ORBIT * turn + 2.0)
         elif self.variant == "slipping_balls":

@@ -30,6 +30,7 @@ JET_M = (-0.25, 0.05)  # its middle above the station
 PATCH_S, PATCH_FROM_M, PATCH_HALF_M = (3500.0, 7000.0), 0.35, 0.18  # of a sunny patch: time to cross; begin; width
 PATCH_UP_M = 0.5  # height over the station's in which what rises from the patch has mixed to 1 / e
 HEAVES_S, HEAVES_M = (100.0, 300.0), 0.25  # of a layer that heaves: period, height either way
+ROLLS_M, WANDERS_S = (0.15, 0.3), (2500.0, 6000.0)  # of rolls of air: width of two; time to wander that far
 PUFFS_S, PUFFS = 60.0, 200  # of warm air: mean time between two; how many are drawn
 PUFF_M, PUFF_FROM_M, PUFF_M_PER_S, PUFF_PASSES_S = 0.15, 0.35, 0.1, 20.0  # half width; farthest from the middle; speed;
 # time in which half of one passes
@@ -71,6 +72,9 @@ class Refraction(Effect):
     The gradient is the largest one in a puff.
     `heaving_layers`: the layer between cool air and warm heaves up and down as buoyancy draws it back: D. Brunt, "The
     Period of Simple Vertical Oscillations in the Atmosphere" (1927). The gradient is that in the middle of the layer.
+    `convection_cells`: over a warm floor air rises and sinks side by side in rolls that stand across the lines and
+    wander slowly, warmer and cooler by turns: H. Bénard, "Les tourbillons cellulaires dans une nappe liquide" (1900).
+    Lines bend sideways, this way and that. The gradient is the largest one between two of them.
     """
 
     def setup(self) -> None:
@@ -86,6 +90,9 @@ class Refraction(Effect):
         self.puffs_m = self.rng.uniform(-PUFF_FROM_M, PUFF_FROM_M, PUFFS)
         self.heaves_s = float(self.rng.uniform(*HEAVES_S))
         self.heaves_at = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        own = self.rng.spawn(1)[0]
+        self.rolls_m, self.wanders_s = float(own.uniform(*ROLLS_M)), float(own.uniform(*WANDERS_S))
+        self.rolls_at = float(own.uniform(0.0, 2.0 * np.pi))
         self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -110,8 +117,9 @@ class Refraction(Effect):
             off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
             slope = -math.sqrt(2.0 * math.e) * off * np.exp(-(off**2))
             sight.v_rad += LIGHT_PER_K * self.size * JET_WIDE_M * (1.0 - JET_SHARE) * slope * np.sin(sight.v_rad)
-        elif self.variant == "warm_puffs":
-            sight.hz_rad += bend * self._puffed(state, sight)
+        elif self.variant in ("warm_puffs", "convection_cells"):
+            aside = self._puffed if self.variant == "warm_puffs" else self._rolled
+            sight.hz_rad += bend * aside(state, sight)
         elif self.variant == "sun_patch":
             sight.v_rad -= bend * self._over_patch(state, sight) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
@@ -134,6 +142,11 @@ class Refraction(Effect):
         at_m = self.wanders * PATCH_FROM_M * (2.0 * self.elapsed_s(state)[:, None] / self.crosses_s - 1.0)
         off = (0.5 * sight.points_m[..., 0] - at_m) / PATCH_HALF_M
         return np.asarray(np.exp(-(off**2) - 0.5 * sight.points_m[..., 2] / PATCH_UP_M))
+
+    def _rolled(self, state: MotionState, sight: StationSight) -> Array:
+        """Gradient to the left halfway along each line (n, smrs) over the largest one between two rolls."""
+        wandered = 2.0 * np.pi * self.elapsed_s(state)[:, None] / self.wanders_s + self.rolls_at
+        return np.asarray(-np.cos(2.0 * np.pi * 0.5 * sight.points_m[..., 0] / self.rolls_m + wandered))
 
     def _puffed(self, state: MotionState, sight: StationSight) -> Array:
         """Gradient outwards halfway along each line (n, smrs) over the largest one in a puff, summed over all puffs."""

@@ -23,6 +23,7 @@ from mock_devices.effects.walks import HOUR_S
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 SLIDES_M_PER_S, SLIDES = 0.2, 300.0  # a stop from this speed moves no holder; sum of excesses that moves it by the size
 BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
+HOME_M = (8.0, 25.0)  # way of all drives after which a ball is 1 / e as far beside its seat
 NEST_PART = "platform"
 NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
 STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop for the size; period; time constant
@@ -58,6 +59,9 @@ class Reseat(Effect):
     it would sag in long rest.
     `rattling`: put back without its magnet, it lies anywhere in its seat after each motion of any drive: S.
     Chandrasekhar, "Stochastic Problems in Physics and Astronomy" (1943). The size is how far it may go from the middle.
+    `creeps_home`: put back beside its seat, the ball is drawn home by its magnet with every metre that any drive shakes
+    it, by a share of what is left: microslip in K. L. Johnson, "Surface Interaction Between Elastically Loaded Bodies
+    Under Tangential Forces" (1955). The size is how far beside it was put.
     """
 
     def setup(self) -> None:
@@ -84,11 +88,12 @@ class Reseat(Effect):
         self.grease_s = float(self.rng.uniform(*GREASE_S))
         angles, radii = self.rng.uniform(0.0, 2.0 * np.pi, SPOTS), np.sqrt(self.rng.uniform(0.0, 1.0, SPOTS))
         self.spots = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)  # even over the seat
+        self.home_m = float(self.rng.uniform(*HOME_M))
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let all travel after the onset turn the ball, or all stops move the holder or the ball."""
-        if self.variant == "turning_ball":
+        if self.variant in ("turning_ball", "creeps_home"):
             self._ways[drive].record(leg)
         elif self.variant == "sliding_holder":
             self._stops[drive].record(leg)
@@ -129,10 +134,12 @@ class Reseat(Effect):
         elif self.variant == "adhesive_tape":
             crept = GIVES + (1.0 - GIVES) * (np.maximum(t, 0.0) / HOUR_S) ** CREEPS
             y = np.where(after[:, None], np.outer(crept, self.shifts[0]), 0.0)
-        elif self.variant == "turning_ball":
+        elif self.variant in ("turning_ball", "creeps_home"):
             way_m = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._ways))
+            left = after * np.exp(-way_m / self.home_m)
             corner = complex(*self.shifts[0]) * 0.5 * np.expm1(2j * np.pi * way_m / BALL_TURN_M)
-            y = np.stack([corner.real, corner.imag], axis=1)
+            turns = self.variant == "turning_ball"
+            y = np.stack([corner.real, corner.imag], axis=1) if turns else np.outer(left, self.shifts[0])
         elif self.variant == "sliding_holder":
             slid = sum(memory.at(state, drive)[:, 0] for drive, memory in enumerate(self._stops))
             y = np.outer(slid / SLIDES, self.shifts[0])
@@ -177,8 +184,9 @@ EFFECTS = (
             "ringing_stem",
             "sagging_grease",
             "rattling",
+            "creeps_home",
         ),
-        final="rattling",
+        final="creeps_home",
         reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(ONSET,),

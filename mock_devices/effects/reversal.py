@@ -26,6 +26,7 @@ BALLS, LIFE_M, LIVES, WHOLE = 8, 80.0, 2.0, 0.15  # that break: how many; scale 
 WHEEL_M = (0.03, 0.09)  # travel in one turn of an eccentric wheel
 SHAKES_M_PER_S = 0.2  # of the other drive, from which it shakes a slider all the way through its play
 TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
+BALANCED_KG, NEARLY_KG = (0.0, 400.0), 180.0  # payload that is balanced; how far off there is little play
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
 
 TAU = EffectParameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
@@ -78,6 +79,10 @@ class Backlash(Play):
     `eccentric_wheel`: a wheel between motor and screw sits off its axis, so that its teeth mesh deeply in one half of a
     turn and hardly in the other, and play opens and closes with the place: D. W. Dudley, "Practical Gear Design"
     (1954). The size is the widest play; at the deepest there is none.
+    `counterpoised`: a counterweight bears what the drive would carry with one payload, and then nothing holds the nut
+    on a flank; with any other one weight or counterweight holds it on one, whichever way it moves: P. Varignon,
+    "Nouvelle mécanique ou statique" (1725). Friction of the guides makes that gradual. The size is the play with the
+    payload that is balanced.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -129,10 +134,13 @@ class Backlash(Play):
         self.rise_m = float(np.exp(self.rng.uniform(*np.log(RISE_M))))
         self.opens_per_k = GAP_PER_K * float(self.rng.choice([-1.0, 1.0]))
         self.wheel_m = float(self.rng.spawn(1)[0].uniform(*WHEEL_M))
+        self.balanced_kg = float(self.rng.spawn(1)[0].uniform(*BALANCED_KG))
         self.breaks_m = np.sort(LIFE_M * self.rng.weibull(LIVES, BALLS))
 
     def _opened(self, state: MotionState) -> Array:
-        """How wide wear, broken balls or a wheel have made the play (n,), over the size."""
+        """How wide wear, broken balls, a wheel or balance have made the play (n,), over the size."""
+        if self.variant == "counterpoised":
+            return np.asarray(np.exp(-(((state.payload_kg - self.balanced_kg) / NEARLY_KG) ** 2)))
         if self.variant == "eccentric_wheel":
             turn = 2.0 * np.pi * state.q_m[:, self.place] / self.wheel_m
             return np.asarray(0.5 + 0.5 * np.cos(turn + self.phase))
@@ -166,7 +174,7 @@ class Backlash(Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
-        elif self.variant in ("wearing", "breaking_balls", "eccentric_wheel"):
+        elif self.variant in ("wearing", "breaking_balls", "eccentric_wheel", "counterpoised"):
             offset = offset * self._opened(state)
         elif self.variant == "shaken_down":
             offset = offset - self._shaken(state) * (offset + 0.5 * self.size)
@@ -212,8 +220,9 @@ EFFECTS = (
             "shaken_down",
             "breaking_balls",
             "eccentric_wheel",
+            "counterpoised",
         ),
-        final="eccentric_wheel",
+        final="counterpoised",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
         "drive, temperature, earlier motions",
         make=Backlash,

@@ -18,6 +18,7 @@ BEARING_M_PER_S = 0.5
 CELLS = 46  # of a screw
 START_S, START_M_PER_S, MOTOR_FIN_M = 60.0, 0.5, 0.5
 LIFTS, HOIST_FIN_M = 0.01, 0.6  # share of its time for which a drive lifts to end at the size; see MOTOR_FIN_M
+CABINET_FIN_M = 0.9  # see MOTOR_FIN_M
 HOLD_FANS, HOLD_FIN_M = 4.0, 0.8  # how much faster a moving motor cools than one at rest; see MOTOR_FIN_M
 STRETCH_M, STRETCH_FIN_M = 0.15, 0.4  # of a starved stretch: its length; see MOTOR_FIN_M
 THINS, OIL_M_PER_S = 1.5, 0.25  # of oil: how much thinner it is by the size, as a logarithm; speed for the size
@@ -63,6 +64,9 @@ class ScrewGrowth(StatefulEffect):
     `thinning_oil`: the nut shears oil, whose heat a metre goes with the speed, and which is thinner the warmer the
     screw is, so that it heats less and less: R. Nahme, "Beiträge zur hydrodynamischen Theorie der Lagerreibung" (1940).
     The size is where it ends at DUTY_M_PER_S on average with motions at OIL_M_PER_S.
+    `neighbours_motor`: motor and cabinet of the next drive stand at this screw's upper end and are warmed by the ways
+    of that drive; the screw, held below, conducts their heat as a fin: F. Kreith, "Principles of Heat Transfer" (1958).
+    The size is that of the upper end if that drive runs at DUTY_M_PER_S on average.
     """
 
     def setup(self) -> None:
@@ -76,6 +80,8 @@ class ScrewGrowth(StatefulEffect):
         fades_s = (self.values["tau_s"], NUT * self.values["tau_s"])
         self._through_nut = LegMemory(lambda way, _speed, _: per_m * np.abs(way), *fades_s)
         self._lifts = LegMemory(_lifting(LIFTS * self.values["tau_s"]), self.values["tau_s"])
+        self.next = (self.place + 1) % len(self.site.machine.sliders)
+        self._beside = LegMemory(lambda way, _speed, _: per_m * np.abs(way), self.values["tau_s"])
         self._held = HeldWarm(HOLD_FANS, self.values["tau_s"])
         starved = 0.5 * (low + high) + 0.5 * (high - low) * float(self.rng.uniform(-0.5, 0.5))
         self.starved_m = starved
@@ -91,6 +97,8 @@ class ScrewGrowth(StatefulEffect):
             self._cells.append(self._warmed(self._cells[-1][None], *ends)[0])
         if self.variant == "motor_starts" and drive == self.place:
             self._starts.record(leg)
+        if self.variant == "neighbours_motor" and drive == self.next:
+            self._beside.record(leg)
         if self.variant == "chilled" and drive == self.place:
             self._chilled.record(leg)
         if self.variant == "nut_then_screw" and drive == self.place:
@@ -156,12 +164,14 @@ class ScrewGrowth(StatefulEffect):
             warmth = self._chilled if self.variant == "chilled" else self._thinned
             deviation.travel_m[:, a] += alpha * self.size * warmth.at(state, a) * way_m
             return
-        if self.variant == "lifting":
+        if self.variant in ("lifting", "neighbours_motor"):
             low, high = self.site.machine.sliders[a].travel_m
-            warm_m = HOIST_FIN_M * (
-                np.exp((state.q_m[:, a] - high) / HOIST_FIN_M) - math.exp((low - high) / HOIST_FIN_M)
-            )
-            deviation.travel_m[:, a] += alpha * self.size * self._lifts.at(state, a)[:, 0] * warm_m
+            lifts = self.variant == "lifting"
+            by_motor, fin_m = (self._lifts.at(state, a), HOIST_FIN_M) if lifts else (
+                self._beside.at(state, self.next), CABINET_FIN_M
+            )  # fmt: skip
+            warm_m = fin_m * (np.exp((state.q_m[:, a] - high) / fin_m) - math.exp((low - high) / fin_m))
+            deviation.travel_m[:, a] += alpha * self.size * by_motor[:, 0] * warm_m
             return
         if self.variant in ("holding", "starved_stretch"):
             deviation.travel_m[:, a] += alpha * self.size * self._from_source_m(state)

@@ -48,12 +48,16 @@ class ServoSettling(Effect):
     `half_swings`: start and stop of a motion each make the load swing, and what is left goes by how long the motion
     lasted, nothing after whole swings and most after half ones: O. J. M. Smith, "Posicast Control of Damped Oscillatory
     Systems" (1957). Its period and decay go with tau_s. The size is that of both together, were they not damped.
+    `sampled_loop`: its loop looks at the slider only once in a cycle of its own and then takes away half of what is
+    left, so that it arrives by steps, whenever these come after the stop: E. I. Jury, "Sampled-Data Control Systems"
+    (1958). A cycle lasts tau_s.
     """
 
     def setup(self) -> None:
         """What the belt has not yet forgotten."""
         tau = self.values["tau_s"]
         self._ways = LegMemory(lambda way, _speed, _: way / AFTER_M, tau, LONG * tau)
+        self.looks = float(self.rng.uniform(0.0, 1.0))
         self._learnt = LegMemory(motions)
         self._wound = LegMemory(_winds, UNWINDS * tau)
 
@@ -77,6 +81,15 @@ class ServoSettling(Effect):
         left = np.exp(-state.since_s[:, a] / (UNWINDS * self.values["tau_s"]))
         return np.asarray(-behind * left * np.exp(-self._learnt.at(state, a)[:, 0] / LEARNS))
 
+    def _looked(self, state: MotionState) -> Array:
+        """How often a loop has looked since the stop (n,)."""
+        cycle_s, stops_s = self.values["tau_s"], state.leg_end_s[:, self.place]
+        now, then = (
+            np.floor((at_s - self.site.start_s) / cycle_s + self.looks)
+            for at_s in (stops_s + state.since_s[:, self.place], stops_s)
+        )
+        return np.asarray(now - then)
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
         a, tau = self.place, self.values["tau_s"]
@@ -85,9 +98,10 @@ class ServoSettling(Effect):
             return
         t = state.since_s[:, a] / tau
         share = np.exp(-t)
-        if self.variant == "half_swings":
+        if self.variant in ("half_swings", "sampled_loop"):
             moved = np.maximum(state.leg_end_s[:, a] - state.leg_start_s[:, a], 0.0) / tau
-            share = 0.5 * (_swing(t) - _swing(t + moved))
+            swings = self.variant == "half_swings"
+            share = 0.5 * (_swing(t) - _swing(t + moved)) if swings else 0.5 ** self._looked(state)
         if self.variant == "integrator_reset":
             own_kg = self.site.machine.moving_mass_kg
             weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
@@ -159,8 +173,9 @@ EFFECTS = (
             "wound_up",
             "learning",
             "half_swings",
+            "sampled_loop",
         ),
-        final="half_swings",
+        final="sampled_loop",
         reveals="varied dwell and speed, by variant length of the motion, payload or earlier motions, SMRs on the "
         "sliders",
         make=ServoSettling,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from mock_devices.known_tables import KnownTable, draw_known_tables
 FULL_PAYLOAD_KG = 400.0
 TABLES_K = 2.0
 RAMPS_S = (5.0, 15.0)  # time constant with which a correction is added
+COARSE = (0.4, 0.9)  # step of rounded entries over the largest one
 MOVED_M = (0.08, 0.2)  # how far a zero was moved after the tables were taken
 
 
@@ -53,6 +55,9 @@ class TablesLeftOn(Effect):
     that of FULL_PAYLOAD_KG.
     `swapped_drives`: somebody entered the table of every drive for the next one, which it then corrects over that one's
     own coordinate, and over the one after it: slips in J. Reason, "Human Error" (1990).
+    `rounded_entries`: the control stores entries in few bits, so that each is rounded to a coarse step and small ones
+    are gone: J. H. Wilkinson, "Rounding Errors in Algebraic Processes" (1963). The step is a share of the largest entry
+    of all.
     """
 
     def setup(self) -> None:
@@ -66,10 +71,25 @@ class TablesLeftOn(Effect):
         self.drive = int(self.rng.integers(drives))
         self.moved_m = self.rng.uniform(*MOVED_M, drives) * self.rng.choice([-1.0, 1.0], drives)
         self.ramps_s = float(self.rng.uniform(*RAMPS_S))
+        self.coarse = float(self.rng.uniform(*COARSE))
+        if self.variant == "rounded_entries":
+            self.active = self._rounded(self.active)
         self._added = [PlaceMemory(self._along_own(a), self.ramps_s) for a in range(drives)]
 
     def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
         return {table.drive: table for table in tables if table.generation == generation}
+
+    def _rounded(self, tables: dict[str, KnownTable]) -> dict[str, KnownTable]:
+        """Tables whose entries are whole steps."""
+        most_m = max(float(np.abs(np.array(table.corrections_m)).max()) for table in tables.values())
+        step_m = max(self.coarse * most_m, 1.0e-12)
+        return {
+            name: replace(
+                table,
+                corrections_m=tuple(tuple(step_m * round(x / step_m) for x in row) for row in table.corrections_m),
+            )
+            for name, table in tables.items()
+        }
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the corrections follow their drive."""
@@ -161,8 +181,9 @@ EFFECTS = (
             "counted_from_above",
             "by_payload",
             "swapped_drives",
+            "rounded_entries",
         ),
-        final="swapped_drives",
+        final="rounded_entries",
         reveals="both drives' coordinates, known tables, by variant dwell, payload, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),

@@ -17,7 +17,7 @@ from mock_devices.effects.base import (
 from mock_devices.effects.column_growth import ColumnGrowth
 from mock_devices.effects.flows import PumpedCoolant
 from mock_devices.effects.followers import Fanned, PlaceMemory
-from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.leg_memory import LegMemory, PassMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S, ScrewGrowth
 from mock_devices.effects.warming import Warming
 
@@ -28,6 +28,7 @@ FANS, FANS_M_PER_S = 5.0, 0.5  # what a strut loses beyond still air, over that,
 PIPE_STARTS = 0.3  # of half the travel: within which of its middle a heat pipe starts, by lot
 CRITICAL_M_PER_S, TURBULENT = (0.15, 0.35), 4.0  # of coolant: speed of the drive from which its flow is turbulent; see
 # `turbulent_coolant`
+MAGNET_M = 0.15  # of the way past a magnet
 STOP_M_PER_S, STOP_S = 0.5, 60.0  # of stops that warm a damping layer to the size: from which speed, how often
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -58,6 +59,10 @@ class LinkGrowth(Warming):
     a critical speed the flow is turbulent and takes away 1 + TURBULENT times the heat, and more with the power 0.8 of
     the speed: O. Reynolds, "An Experimental Investigation of the Circumstances Which Determine Whether the Motion of
     Water Shall Be Direct or Sinuous" (1883). `rise_k` is where it ends in laminar flow, which it nears with tau_s.
+    `eddy_magnet`: a magnet stands beside the column at one place, and eddy currents heat the strut as its drive takes
+    it past, by the square of the speed for as long as it is there, and so by way times speed: L. Foucault, "De la
+    chaleur produite par l'influence de l'aimant sur les corps en mouvement" (1855). `rise_k` is where it ends if its
+    drive runs at JOINT_M_PER_S evenly all over its travel, with rests in between, at 0.01 m/s on average.
     """
 
     def setup(self) -> None:
@@ -79,6 +84,10 @@ class LinkGrowth(Warming):
         own = self.rng.spawn(1)[0]
         self.critical_m_per_s = float(own.uniform(*CRITICAL_M_PER_S))
         self._cooled = PumpedCoolant(self.takes, tau)
+        self.magnet_m = middle + half * float(self.rng.spawn(1)[0].uniform(-0.5, 0.5))
+        ends_m = (self.magnet_m - 0.5 * MAGNET_M, self.magnet_m + 0.5 * MAGNET_M)
+        per_m = 2.0 * half / (MAGNET_M * DUTY_M_PER_S * tau)
+        self._eddies = PassMemory(*ends_m, tau, lambda speed: per_m * speed / JOINT_M_PER_S)
 
     def takes(self, speed: Array) -> Array:
         """Heat that coolant takes away (n,) over that in laminar flow."""
@@ -105,19 +114,22 @@ class LinkGrowth(Warming):
             self._fanned.record(leg)
         elif self.variant == "turbulent_coolant":
             self._cooled.record(leg)
+        elif self.variant == "eddy_magnet":
+            self._eddies.record(leg)
         elif self.variant == "damping_layer":
             self._stopped.record(leg)
 
     def rise_k(self, state: MotionState) -> Array:
         """The temperature above the sensor (n,)."""
-        if self.variant == "radiant_heater":
-            return self.size * self._shone_on.at(state, self.site.machine.struts[self.place].drive)
-        if self.variant == "heat_pipe":
-            return self.size * self._piped.at(state, self.site.machine.struts[self.place].drive)
-        if self.variant == "fanned":
-            return self.size * self._fanned.at(state, self.site.machine.struts[self.place].drive)
-        if self.variant == "turbulent_coolant":
-            return self.size * self._cooled.at(state, self.site.machine.struts[self.place].drive)
+        followers: dict[str, PlaceMemory | Fanned | PumpedCoolant | PassMemory] = {
+            "radiant_heater": self._shone_on,
+            "heat_pipe": self._piped,
+            "fanned": self._fanned,
+            "turbulent_coolant": self._cooled,
+            "eddy_magnet": self._eddies,
+        }
+        if self.variant in followers:
+            return self.size * followers[self.variant].at(state, self.site.machine.struts[self.place].drive)
         sources = {"joint_heat": self._heat, "rubbing_joint": self._rubbed, "damping_layer": self._stopped}
         if self.variant not in sources:
             return super().rise_k(state)
@@ -167,8 +179,9 @@ EFFECTS = (
             "damping_layer",
             "heat_pipe",
             "turbulent_coolant",
+            "eddy_magnet",
         ),
-        "turbulent_coolant",
+        "eddy_magnet",
         "time, a temperature swing; by variant travel, speed, stops and place",
         LinkGrowth,
     ),
@@ -190,9 +203,10 @@ EFFECTS = (
             "heat_wave",
             "neighbours_oil",
             "draughty_hatch",
+            "braking_resistor",
         ),
-        "draughty_hatch",
-        "time, place or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
+        "braking_resistor",
+        "time, place, direction or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
     _spec(
@@ -212,9 +226,11 @@ EFFECTS = (
             "holding",
             "starved_stretch",
             "thinning_oil",
+            "neighbours_motor",
         ),
-        "thinning_oil",
-        "time and distance moved, by variant direction, speed and dwell, drive coordinate, SMRs on the sliders",
+        "neighbours_motor",
+        "time and distance moved, also by the other drive, by variant direction, speed and dwell, drive coordinate, "
+        "SMRs on the sliders",
         ScrewGrowth,
     ),
 )

@@ -60,7 +60,9 @@ def test_a_magnet_pulls_the_platform_towards_one_point():
     for step, force in zip(away, forces.tolist(), strict=True):
         to_pole_m = math.hypot(abs(step), behind_m)
         share_in_plane = abs(step) / to_pole_m
-        expected = 500.0 / hardest * share_in_plane / to_pole_m**2  # one over the square, and what of it is in the plane
+        expected = (
+            500.0 / hardest * share_in_plane / to_pole_m**2
+        )  # one over the square, and what of it is in the plane
         toward = -step / abs(step) if step else 0.0
         assert force == pytest.approx(expected * toward, abs=1e-6)
     assert abs(forces[3]) == pytest.approx(500.0)
@@ -80,8 +82,9 @@ def test_stops_of_the_other_drive_make_a_weight_in_a_strut_swing():
         swing, at_s = complex(3e-5 * side * speed / 0.5), 0.0
         for asked_s in (0.5, 3.0, 9.0, 21.0):
             while at_s < asked_s - 0.5 * step:  # it turns and shrinks little by little
-                swing, at_s = swing * (1.0 + step * (1j * rate - 1.0 / calms_s) + 0.5 * (1j * rate * step) ** 2), (
-                    at_s + step
+                swing, at_s = (
+                    swing * (1.0 + step * (1j * rate - 1.0 / calms_s) + 0.5 * (1j * rate * step) ** 2),
+                    (at_s + step),
                 )
             expected = np.zeros(4)
             expected[3] = swing.real

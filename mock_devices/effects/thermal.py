@@ -86,8 +86,8 @@ class LinkGrowth(Warming):
         self._cooled = PumpedCoolant(self.takes, tau)
         self.magnet_m = middle + half * float(self.rng.spawn(1)[0].uniform(-0.5, 0.5))
         ends_m = (self.magnet_m - 0.5 * MAGNET_M, self.magnet_m + 0.5 * MAGNET_M)
-        per_m = 2.0 * half / (MAGNET_M * DUTY_M_PER_S * tau)
-        self._eddies = PassMemory(*ends_m, tau, lambda speed: per_m * speed / JOINT_M_PER_S)
+        past_magnet = 2.0 * half / (MAGNET_M * DUTY_M_PER_S * tau)
+        self._eddies = PassMemory(*ends_m, tau, lambda speed: past_magnet * speed / JOINT_M_PER_S)
 
     def takes(self, speed: Array) -> Array:
         """Heat that coolant takes away (n,) over that in laminar flow."""

@@ -28,7 +28,7 @@ CHANGE_M, UNEQUAL = (
     (0.06, 0.1),
     (0.06, 0.12),
 )  # of change wheels: travel of a turn of one; by how much the other differs
-TERMS = (3, 7)  # of a corrector
+TERMS = (2, 5)  # of a corrector
 BLOW_M, WAVES = (0.4, 0.7), (4.0, 7.0)  # of a blow on a tape: how far below the travel; waves along that
 
 

@@ -23,7 +23,7 @@ from mock_devices.effects.walks import HOUR_S
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 SLIDES_M_PER_S, SLIDES = 0.2, 300.0  # a stop from this speed moves no holder; sum of excesses that moves it by the size
 BALL_TURN_M = 80.0  # travel of all drives in which a ball turns once in its seat
-HOME_M = (8.0, 25.0)  # way of all drives after which a ball is 1 / e as far beside its seat
+HOME_M = (12.0, 40.0)  # way of all drives after which a ball is 1 / e as far beside its seat
 NEST_PART = "platform"
 NEST_K = 0.5  # change of the platform's temperature that moves a reflector by the size
 STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop for the size; period; time constant

@@ -104,7 +104,7 @@ def test_a_corrector_of_few_harmonics_rings_beside_a_step():
     one = Alone("screw_cumulative_error", 1e-5, variant="few_terms")
     step_m, terms = one.effect.step_m, one.effect.terms
     assert abs(step_m - MIDDLE_M) <= 0.4 * HALF_M
-    assert 3 <= terms <= 7
+    assert 2 <= terms <= 5
     assert len({Alone("screw_cumulative_error", 1e-5, variant="few_terms", seed=k).effect.terms for k in range(20)}) > 3
     at = np.linspace(LOW_M, HIGH_M, 4001)
     off = travel(one, at)
@@ -120,7 +120,7 @@ def test_a_corrector_of_few_harmonics_rings_beside_a_step():
     just_m = 0.5 * wave / terms  # first zero of the kernel's integral: where a series of few terms is farthest over
     beyond = (np.array([step_m - just_m, step_m + just_m]) - step_m) / wave
     over = [4.0 / np.pi * sum(np.sin(np.pi * k * x) / k for k in odd) for x in beyond]
-    assert np.abs(over) == pytest.approx(np.full(2, 1.18), abs=0.02)
+    assert np.abs(over) == pytest.approx(np.full(2, 1.18), abs=0.025)
 
 
 def test_a_turn_of_a_conical_drum_takes_a_longer_way_higher_up():

@@ -66,7 +66,7 @@ def test_rolls_of_air_bend_lines_this_way_and_that():
 def test_a_reflector_beside_its_seat_creeps_home_as_drives_shake_it():
     one = Alone("smr_reseat", 3e-5, place="P2", variant="creeps_home", onset_s=100.0)
     home_m = one.effect.home_m
-    assert 8.0 <= home_m <= 25.0
+    assert 12.0 <= home_m <= 40.0
     assert Alone("smr_reseat", 3e-5, variant="creeps_home", seed=2).effect.home_m != home_m
     one.move(0, 1.5)  # too early
     assert not np.any(one.deviation(t_s=99.0).smr_m)
@@ -83,4 +83,4 @@ def test_a_reflector_beside_its_seat_creeps_home_as_drives_shake_it():
         assert moved[1] == pytest.approx(left * put, rel=2e-2, abs=1e-12)
         assert not np.any(np.delete(moved, 1, axis=0))
         assert np.array_equal(one.deviation(t_s=one.t_s + 60.0).smr_m[0], moved)  # at rest it stays
-    assert left < 0.2
+    assert left < 0.4

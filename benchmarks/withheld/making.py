@@ -35,6 +35,7 @@ TIMES_A_PERIOD = {  # how often an error repeats within the period of what errs
     "encoder_interpolation/self_images": 4,
     "encoder_interpolation/few_bits": 16,
     "encoder_interpolation/twisted_grating": 2,
+    "encoder_interpolation/lifted_head": 2,
 }
 
 

@@ -95,10 +95,11 @@ def test_departures_have_the_evidence_of_a_dense_mixture(small, likelihood, by_v
     assert len(found.contributions) == len(found.best.coefficients) == 1 + len(found.best.basis_set.departures)
 
 
-@pytest.mark.parametrize(("least", "kept"), [(0.2, True), (-1.0, False)])
+@pytest.mark.parametrize(("least", "kept"), [(0.2, True), (-0.2, True), (-1.0, False)])
 @pytest.mark.parametrize("sign", [0.0, 1.0])
 def test_a_strength_whose_sign_mechanics_knows_does_not_turn(small, likelihood, least, kept, sign):
-    """Growing with the load from `least` to 2: play that becomes negative is none; a size without a sign may."""
+    """Growing with the load from `least` to 2: play that becomes negative is none, but for a little, as no function is
+    exact; a size without a sign may."""
     effect = replace(with_forms_at(0), varies_with=("payload",))
     load = small.context.payload_kg / small.context.payload_kg.max()
     strength = least + (2.0 - least) * load

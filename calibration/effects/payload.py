@@ -22,6 +22,7 @@ SWINGS_RAD_PER_S, CALMS_S = (0.9, 1.4, 2.2), 12.0  # of what swings after a stop
 REST_TERMS, MOVING_WEIGHT, STOPPED_M_PER_S = 4, 0.2, 0.5  # of a centre that moves on after a stop, from this speed
 AGE_TERMS, PLACE_TERMS, CHANGING_WEIGHT = 4, 2, 0.2  # of a load that changes in time or with the place
 FINE_TERMS, FINE_WEIGHT = 16, 0.1  # of a centre that slides about
+COURSE_TERMS, YIELDING_TERMS = 32, 8  # of what comes onto the platform and goes; of what its weight makes of struts
 LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
 MOUNTINGS = 6  # terms of what may be otherwise each time
 
@@ -79,7 +80,8 @@ def _add_changing_loads(sets: BasisSets, inputs: EffectInputs, mounted: Array) -
     that is lifted, of what comes onto the platform with it or without, as chips do; and a centre that moves in time."""
     one = np.ones(len(mounted))
     place = np.column_stack([one, *(cosine_basis(q, PLACE_TERMS) for q in inputs.context.drives.T)])
-    for loads in (place, mounted[:, None] * place):
+    by_side = [] if "direction" in inputs.context.not_said else [_by_side(inputs)]  # as a rope's friction has it
+    for loads in (place, mounted[:, None] * place, *by_side):
         changing = sets.add(("payload.mass", loads))
         sets.add_set(changing, _by_strut(sets, inputs, changing[:1]), weight=CHANGING_WEIGHT)
     if "t_s" in inputs.context.not_said:
@@ -88,6 +90,9 @@ def _add_changing_loads(sets: BasisSets, inputs: EffectInputs, mounted: Array) -
     for loads in (age, mounted[:, None] * age):
         changing = sets.add(("payload.mass", loads))
         sets.add_set(changing, _by_strut(sets, inputs, changing), weight=CHANGING_WEIGHT)
+    # What comes and goes, with any payload or none: parts that wait, coolant that stands on the platform.
+    lying = sets.add(("payload.mass", any_course(inputs.context.elapsed_s, COURSE_TERMS)))
+    sets.add_set(lying, _by_strut(sets, inputs, lying[:YIELDING_TERMS]), weight=FINE_WEIGHT)
     finely = any_course(inputs.context.elapsed_s, FINE_TERMS)
     slid = _moment_of_centre(inputs, mounted)[:, None] * finely
     if sliding := [c for channel in _of_centre(inputs) for c in sets.add((channel, slid))]:
@@ -95,6 +100,12 @@ def _add_changing_loads(sets: BasisSets, inputs: EffectInputs, mounted: Array) -
     moved = _moment_of_centre(inputs, mounted)[:, None] * age
     if centre := [c for channel in _of_centre(inputs) for c in sets.add((channel, moved))]:
         sets.add_set(centre, _by_strut(sets, inputs, centre), weight=CHANGING_WEIGHT)
+
+
+def _by_side(inputs: EffectInputs) -> Array:
+    """What hangs on a drive by the side (n, 2 d) from which it has come: the same with any payload, and with each."""
+    side, ratio = inputs.context.direction, inputs.payload_ratio[:, None]
+    return np.concatenate([side, side * ratio], axis=1)
 
 
 def _moving_on(sets: BasisSets, inputs: EffectInputs, moment: Array) -> list[int]:

@@ -67,7 +67,19 @@ def guide_straightness__pushed_by_the_next(inputs):
     return {"sideways.left.x": pushed - pushed.mean()}
 
 
+def payload__parts_wait(inputs):
+    """Somebody lays parts onto the platform and takes them away again, whatever is mounted."""
+    return {"payload.mass": np.floor(4.0 * scaled(inputs.context.elapsed_s)) % 3.0}
+
+
+def payload__rope(inputs):
+    """A rope's friction adds to the pull of a counterweight on the way down, and takes from it on the way up."""
+    context = inputs.context
+    return {"payload.mass": context.direction.mean(axis=1) * (300.0 + context.payload_kg)}
+
+
 LAWS = (
+    payload__parts_wait, payload__rope,
     servo_settling__wound_up, guide_straightness__pushed_by_the_next,
     servo_settling__reported, foundation_settling__pressed, screw_thermal_growth__cooled,
     friction_windup__in_its_guides,

@@ -51,8 +51,9 @@ class ColumnGrowth(Warming):
     S. Turner, "Turbulent Gravitational Convection from Maintained and Instantaneous Sources" (1956). The size is where
     it ends right above the hatch if that stays open, which it nears with tau_s; else it cools.
     `braking_resistor`: the weight of what its carriage lowers drives the motor, and a resistor inside the column takes
-    up what that gives back, by the way downwards, however fast: H. Ward Leonard, "Volts versus Ohms: Speed Regulation
-    of Electric Motors" (1896). The size is where it ends at DUTY_M_PER_S on average, as much up as down.
+    up what that gives back, by the way downwards, however fast and whatever the payload: H. Ward Leonard, "Volts
+    versus Ohms: Speed Regulation of Electric Motors" (1896). The size is where it ends at DUTY_M_PER_S on average, as
+    much up as down.
     """
 
     sensor = "columns"

@@ -8,6 +8,7 @@ import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
 from mock_devices.effects.followers import Dragged
+from mock_devices.effects.warming import GRID_S, grid_from
 
 REFERENCE_SPEED_M_PER_S = 0.5
 BED_PER_M = 3.0
@@ -15,7 +16,7 @@ POLL_S = 1024.0
 COUPLED_S = 6.0  # in which a following error dies out
 OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
 RESOLVER_M = 0.02  # travel of a slider in one turn of its resolver
-HOUR_S, GRID_S = 3600.0, 30.0
+HOUR_S = 3600.0
 BY_CLOCK = ("clock_skew", "clock_ageing", "restarted", "steered_clock", "beating_cycles", "warm_quartz")
 BEST_K, QUARTZ_K = (-1.0, 1.0), 1.0  # of a quartz: its best temperature beyond that of the begin; off by so much it
 # has the size
@@ -62,7 +63,8 @@ class AxisCoupling(Effect):
     again with its next motion: W. Weber, "Ueber die Elasticität der Seidenfäden" (1835). The ratio is that of a thread
     that has not given way yet.
     `taut_rope`: a rope ties both axes and is slack until the other one has gone far enough; from there on it pulls, in
-    proportion to how much farther that goes: S. Stevin, "De Beghinselen der Weeghconst" (1586).
+    proportion to how much farther that goes: S. Stevin, "De Beghinselen der Weeghconst" (1586). There it passes on
+    twice the ratio.
     """
 
     def setup(self) -> None:
@@ -214,8 +216,7 @@ class Latency(Effect):
 
     def _run_slow(self, state: MotionState) -> Array:
         """What a clock has lost since it was set (n,), over that of an hour QUARTZ_K off."""
-        start_s = self.site.start_s
-        grid = np.arange(start_s, max(float(state.t_s.max()), start_s) + 2.0 * GRID_S, GRID_S)
+        grid = grid_from(self.site.start_s, state)
         air_c = state.thermal.air_series_c(grid)
         rate = ((air_c - air_c[0] - self.best_k) / QUARTZ_K) ** 2
         lost = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * GRID_S / HOUR_S

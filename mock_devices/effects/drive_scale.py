@@ -16,7 +16,7 @@ from mock_devices.effects.base import (
 )
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.refraction import weather_k
-from mock_devices.effects.warming import conducted
+from mock_devices.effects.warming import conducted, grid_from
 
 SLIP_K = 0.4
 CREEP_WAY_M = 100.0
@@ -28,7 +28,6 @@ JUMPS_S, JUMPS = 900.0, 3.0  # of a belt that jumps: mean time between two jumps
 UP_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a reader's range: switched above the begin; how much cooler back
 MAINS_S = (250.0, 800.0)  # in which the frequency of the mains swings
 RELAXES_S, HOUR_S = 60.0, 3600.0
-_GRID_S = 30.0
 
 
 class DriveScale(StatefulEffect):
@@ -148,7 +147,7 @@ class DriveScale(StatefulEffect):
 
     def _since_begin_k(self, state: MotionState) -> tuple[Array, Array]:
         """A grid of times, and by how much warmer the drives then are than at the campaign's begin."""
-        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
+        grid = grid_from(self.site.start_s, state)
         sensed_c = state.thermal.part_series_c(self.site.machine.expansion["drives"].sensor, grid)
         return grid, sensed_c - sensed_c[0]
 

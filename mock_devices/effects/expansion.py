@@ -7,7 +7,7 @@ import cmath
 import numpy as np
 
 from mock_devices.effects.base import Array, Complex, Deviation, Effect, EffectParameter, EffectSpec, MotionState
-from mock_devices.effects.warming import lag_behind
+from mock_devices.effects.warming import grid_from, lag_behind
 
 NICKEL_K = 5.0  # by how much warmer the part with the square of the temperature is as large as the straight one
 LATE_S = 2400.0
@@ -17,7 +17,6 @@ TURNS_K, TURNS_BACK_K, TURNS_OVER_K = (0.05, 0.25), (0.1, 0.25), 0.1  # see `mar
 CURIE_K = (-0.1, 0.3)  # where an alloy loses its magnetism, above the temperature of the begin
 ALLOY_K = 2.0  # growth without a change of phase that is as large as the change
 FULL_PAYLOAD_KG = 400.0
-_GRID_S = 30.0
 
 
 class ExpansionCoefficient(Effect):
@@ -165,7 +164,7 @@ class ExpansionCoefficient(Effect):
 
     def _since_begin_k(self, state: MotionState, part: str) -> tuple[Array, Array]:
         """A grid of times, and by how much warmer a part then is than at the campaign's begin."""
-        grid = np.arange(self.site.start_s, max(float(state.t_s.max()), self.site.start_s) + 2.0 * _GRID_S, _GRID_S)
+        grid = grid_from(self.site.start_s, state)
         sensed_c = state.thermal.part_series_c(self.site.machine.expansion[part].sensor, grid)
         return grid, sensed_c - sensed_c[0]
 

@@ -20,7 +20,10 @@ LOADINGS, HARDENS = 4.0, 0.4  # exchanges of payload after which the size is rea
 FOLLOWS = 0.05  # time constant in which wet soil follows its load, over tau_s
 CYCLES_S, WATERED = (800.0, 1600.0), 0.3  # of sprinklers: cycle; share of it that they run
 SWELLS, DRIES = 0.1, 0.3  # time constants of clay that takes up water and loses it, over tau_s
-REBOUNDS, EARLY = 2.5, (0.08, 0.25)  # of relieved ground: rise over the size; time of the rise over that of its end
+REBOUNDS, EARLY = (
+    2.5,
+    (0.08, 0.25),
+)  # of relieved ground: part of the rise over the size; its times
 AT_ONCE = 0.5  # share of a bowl under the other foot that follows at once
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
@@ -61,7 +64,7 @@ class FoundationSettling(Effect):
     Liquids Through Porous Mediums" (1931). The size is how far clay that is always wet would lift it.
     `rebounding_ground`: ground that was relieved at the onset rises at once in a narrow bowl and sinks in the end, more
     slowly, in a wide one: N. A. Haskell, "The Motion of a Viscous Fluid Under a Surface Load" (1935). The narrow one
-    comes and goes within a share of tau_s. The size is how far it ends below where it was.
+    comes within a share of tau_s and goes within tau_s. The size is how far it ends below where it was.
     """
 
     def setup(self) -> None:

@@ -72,8 +72,11 @@ class GuideByMotion(Effect):
     def _opened(self, state: MotionState) -> Array:
         """How far a carriage with open blocks follows the waves of its rail (n,)."""
         gap = np.maximum(above_reference_k(self.site, state) - self.opens_k, 0.0) / GAP_K
-        wave = np.sin(2.0 * np.pi * state.q_m[:, self.place] / self.values["wavelength_m"] + self.phase)
-        return np.asarray((TIGHT + gap) * wave)
+        return np.asarray((TIGHT + gap) * self._wave(state))
+
+    def _wave(self, state: MotionState) -> Array:
+        """The waves of the rail where the carriage stands (n,)."""
+        return np.asarray(np.sin(2.0 * np.pi * state.q_m[:, self.place] / self.values["wavelength_m"] + self.phase))
 
     def _racked(self, x: Array, state: MotionState) -> Array:
         """How a frame that the next carriage racks moves this guide (n,)."""
@@ -86,9 +89,7 @@ class GuideByMotion(Effect):
         a = self.place
         film = np.sqrt(np.maximum(state.speed_m_per_s[:, a], 0.0) / PAD_M_PER_S)
         left = state.direction[:, a] * film / np.sqrt(1.0 + state.since_s[:, a] / self.pad_s)
-        return np.asarray(
-            left + WAVY * np.sin(2.0 * np.pi * state.q_m[:, a] / self.values["wavelength_m"] + self.phase)
-        )
+        return np.asarray(left + WAVY * self._wave(state))
 
     def _buckled(self, state: MotionState) -> Array:
         """How far a rail has buckled where its carriage stands (n,): a whole wave with level ends."""
@@ -99,5 +100,4 @@ class GuideByMotion(Effect):
     def _pulsed(self, state: MotionState) -> Array:
         """How far a carriage on pulsing pockets follows the waves of its rail (n,), this way or that."""
         pulse = np.sin(2.0 * np.pi * self.elapsed_s(state) / self.pockets_s + self.pockets_at)
-        wave = np.sin(2.0 * np.pi * state.q_m[:, self.place] / self.values["wavelength_m"] + self.phase)
-        return np.asarray((STEADY + PULSES * pulse) * wave)
+        return np.asarray((STEADY + PULSES * pulse) * self._wave(state))

@@ -18,6 +18,7 @@ from mock_devices.effects.base import (
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.refraction import Refraction
 from mock_devices.effects.walks import HOUR_S, Flicker, HeldWalk, RandomWalk
+from mock_devices.effects.warming import grid_from
 
 LEVER_M = 3.2
 SWAYS_S = ((600.0, 1300.0), (1800.0, 3300.0))  # periods of a building that sways
@@ -27,7 +28,6 @@ HOLDS_K, DRAGGED = (0.1, 0.4), 3.0  # of feet: kelvin that friction holds; see `
 SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
 FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
 TRACKS_M_PER_S, COOLS_S = 0.04, 900.0  # of a station that follows motions: mean of their speeds for the size; cooling
-_GRID_S = 30.0
 
 
 def move_station(sight: StationSight, turn_rad: Array, shift_m: Array) -> None:
@@ -139,7 +139,7 @@ class StationDrift(Effect):
         start_s = self.site.start_s
         if self.variant == "with_air":
             return state.thermal.air_series_c(state.t_s) - state.thermal.air_series_c(np.array([start_s]))
-        grid = np.arange(start_s, max(float(state.t_s.max()), start_s) + 2.0 * _GRID_S, _GRID_S)
+        grid = grid_from(start_s, state)
         air_c = state.thermal.air_series_c(grid)
         followed, now = np.empty_like(grid), 0.0
         for k, warmer_k in enumerate((air_c - air_c[0]).tolist()):

@@ -80,9 +80,9 @@ class Backlash(Play):
     turn and hardly in the other, and play opens and closes with the place: D. W. Dudley, "Practical Gear Design"
     (1954). The size is the widest play; at the deepest there is none.
     `counterpoised`: a counterweight bears what the drive would carry with one payload, and then nothing holds the nut
-    on a flank; with any other one weight or counterweight holds it on one, whichever way it moves: P. Varignon,
-    "Nouvelle mécanique ou statique" (1725). Friction of the guides makes that gradual. The size is the play with the
-    payload that is balanced.
+    on a flank; with any other payload, either the weight or the counterweight holds it on one flank, whichever way it
+    moves: P. Varignon, "Nouvelle mécanique ou statique" (1725). Friction of the guides makes that gradual. The size is
+    the play with the payload that is balanced.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -193,9 +193,9 @@ class Backlash(Play):
         deviation.travel_m[:, a] += offset
 
 
-def above_reference_k(site: Site, state: MotionState) -> Array:
-    """Temperature that the drives' sensor shows above the machine's reference (n,)."""
-    return state.parts_c[site.machine.expansion["drives"].sensor] - site.machine.reference_temperature_c
+def above_reference_k(site: Site, state: MotionState, part: str = "drives") -> Array:
+    """Temperature that a part's sensor shows above the machine's reference (n,)."""
+    return state.parts_c[site.machine.expansion[part].sensor] - site.machine.reference_temperature_c
 
 
 EFFECTS = (

@@ -12,12 +12,12 @@ from mock_devices.effects.base import (
     EffectSpec,
     Leg,
     MotionState,
-    Site,
 )
 from mock_devices.effects.column_compliance import ColumnCompliance
 from mock_devices.effects.followers import Flipped
 from mock_devices.effects.joint_clearance import JointClearance
 from mock_devices.effects.leg_memory import LegMemory, motions
+from mock_devices.effects.reversal import above_reference_k
 from mock_devices.effects.strut_laws import (
     bowed,
     hertz_contact,
@@ -40,6 +40,7 @@ SOFT_ENDS = (
     "creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber", "needles_in_turn", "snapped_truss",
 )  # fmt: skip
 FULL_PAYLOAD_KG = 400.0
+GONE = 600.0  # logarithm of a ratio at which nothing of a strut is left
 
 
 class LinkStiffness(Effect):
@@ -103,7 +104,7 @@ class LinkStiffness(Effect):
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Change the strut's stiffness or its law."""
-        i, x = self.place, self.size
+        i, x = self.place, min(self.size, GONE)
         if self.variant == "joint_angle":  # a joint that is stiff only in its middle position
             strut = self.site.machine.struts[i]
             swing = (state.q_m[:, strut.drive] - self.site.drive_range_m(strut.drive)[0]) / strut.length_m
@@ -145,15 +146,10 @@ class LinkStiffness(Effect):
         if self.variant == "fractional_rubber":
             return np.asarray((state.since_s[:, drive] / RUBBER_S) ** self.rubber)
         if self.variant == "warm_adhesive":
-            beyond = (_above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
+            beyond = (above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
             return np.asarray(0.5 * (1.0 + np.tanh(beyond)))
         loose = np.exp(-((state.speed_m_per_s[:, drive] / SEATS_M_PER_S) ** 2))
         return np.where(state.direction[:, drive] > 0.0, loose, 1.0)
-
-
-def _above_reference_k(site: Site, state: MotionState, part: str) -> Array:
-    """Temperature (n,) that a part's sensor shows above the machine's reference."""
-    return state.parts_c[site.machine.expansion[part].sensor] - site.machine.reference_temperature_c
 
 
 _PER_N = EffectParameter(

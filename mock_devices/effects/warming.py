@@ -10,7 +10,7 @@ from mock_devices.effects.base import Array, Effect, MotionState
 
 AIR = "air"  # the part that is none
 CYCLES_S = (1200.0, 3600.0)  # of air that is switched
-_GRID_S = 30.0
+GRID_S = 30.0
 _TERMS = 60
 
 
@@ -76,12 +76,16 @@ def ahead_of_front(distance_m: Array, deep_m: Array) -> Array:
     return np.asarray(deep_m * (np.exp(-(u**2)) / math.sqrt(math.pi) - u * left))
 
 
+def grid_from(start_s: float, state: MotionState) -> Array:
+    """Times GRID_S apart, from a start to beyond the last of a state."""
+    return np.arange(start_s, max(float(state.t_s.max()), start_s) + 2.0 * GRID_S, GRID_S)
+
+
 def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> Array:
     """A part of time constant tau minus its sensor, or minus the air (n,) in kelvin: first order, equal at first."""
-    last_s = float(state.t_s.max())
-    grid = np.arange(start_s, max(last_s, start_s) + 2.0 * _GRID_S, _GRID_S)
+    grid = grid_from(start_s, state)
     sensed = state.thermal.air_series_c(grid) if part == AIR else state.thermal.part_series_c(part, grid)
-    keep = math.exp(-_GRID_S / tau_s)
+    keep = math.exp(-GRID_S / tau_s)
     follow = np.empty_like(sensed)
     value = sensed[0]
     for i, now in enumerate(sensed):

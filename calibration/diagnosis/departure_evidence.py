@@ -3,7 +3,7 @@
 A basis set is an exact statement, which no real part obeys, and the stronger the signal, the more a small departure
 costs. Beside the exact form there are therefore the form times a smooth function of one coordinate or of all of them: a
 little of any coordinate, wholly of those with which the effect's strength may vary; and for effects that are another
-one at each stop, times a number of its own for each visit. An arbitrary function has no form to depart from, but may
+one at each stop, times a number of its own for each visit. A general function has no form to depart from, but may
 change with a coordinate: then each of its columns is multiplied by functions of that one. Departures are a share of
 what is *seen* of the form: otherwise a form that the calibration absorbs could become anything.
 """
@@ -24,6 +24,7 @@ from calibration.diagnosis.basis_set_evidence import (
     log_sum,
 )
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.one_way import judge_courses, loss_of_one_way
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions
@@ -37,9 +38,10 @@ from calibration.effects.departures import (
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
 NOTHING = 1e-300
-FEW, LITTLE = 0.05, 0.3  # of the readings, at which a strength with a sign may have the other one by more than so much
-MOST_MAIN_COLUMNS = 3  # more are an arbitrary function already, which has no form to depart from a little
-MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of an arbitrary function that may change, and their products
+FEW, LITTLE = 0.05, 0.3  # share of the readings at which a strength of known sign may have the opposite one by more
+# than LITTLE of its RMS
+MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
+MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
 
 _Kind = Literal["exact", "a little", "wholly", "by visit"]
 
@@ -87,20 +89,20 @@ def with_departures(
     main = [i for i, relative in enumerate(exact.basis_set.relative) if relative >= 1.0]
     if exact.basis_set.curve is not None:  # the others are derivatives
         main = main[:1]
-    arbitrary = len(main) > MOST_MAIN_COLUMNS
+    general = len(main) > MOST_MAIN_COLUMNS
     period_m = exact.basis_set.parameters.get("period_m", 0.0)
-    if arbitrary:
+    if general:
         a_little, wholly = {}, _functions_of_change(inputs, effect, place, len(main))
     else:
         a_little = functions_of_coordinates(inputs, effect, place)
         wholly = functions_it_varies_with(inputs, effect, place, period_m)
-    if arbitrary and not wholly:
+    if general and not wholly:
         return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
     of_coordinate = {
         coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
         for coordinate, functions in (a_little | wholly).items()
     }
-    visits = np.unique(inputs.context.arrival) if by_visit and effect.differs_by_visit and not arbitrary else ()
+    visits = np.unique(inputs.context.arrival) if by_visit and effect.differs_by_visit and not general else ()
     fluctuating = [Departure(main[0], VISIT, int(arrival)) for arrival in visits]
     departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
@@ -117,9 +119,9 @@ def with_departures(
         return _Way(kind, prior, tuple(d for group in groups for d in group), tuple(scales))
 
     def all_and_each(kind: _Kind, prior: float, share: float, coordinates: Collection[str]) -> list[_Way]:
-        """Half the prior for all coordinates together, but of an arbitrary function; the other half for each alone."""
+        """Half the prior for all coordinates together, but of a general function; the other half for each alone."""
         groups = [of_coordinate[coordinate] for coordinate in coordinates]
-        together = [] if arbitrary or not groups else [way(kind, 0.5 * prior, share, *groups)]
+        together = [] if general or not groups else [way(kind, 0.5 * prior, share, *groups)]
         return together + [way(kind, 0.5 * prior / len(groups), share, group) for group in groups]
 
     ways = [_Way("exact", 1.0)]
@@ -146,6 +148,7 @@ def with_departures(
         no_share = tried.kind == "by visit" and not _is_share_of_form(entry, tried.departures)
         if no_share or (tried.kind == "wholly" and _turns(entry, tried.departures, wholly)):
             logs[i] = -np.inf
+    judge_courses(evidence, logs)
     likeliest = int(np.argmax(logs))
     best, departures_of_best = evidence[likeliest], ways[likeliest].departures
     basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=departures_of_best)
@@ -153,7 +156,7 @@ def with_departures(
     expected = [i for i, way in enumerate(ways) if way.kind in ("exact", "wholly")]
     log_expected = float(log_sum(logs[expected]) - np.log(priors[expected].sum() / priors.sum()))
     return DepartingEvidence(
-        log_evidence - evidence[0].log_evidence,
+        log_evidence - (evidence[0].log_evidence - loss_of_one_way(evidence[0])),
         0.0 if ways[likeliest].kind == "by visit" else max(log_evidence - log_expected, 0.0),
         replace(best, basis_set=basis_set),
         tuple(columns[c] for c in best.basis_set.columns),
@@ -161,7 +164,7 @@ def with_departures(
 
 
 def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, columns: int) -> dict[str, Array]:
-    """Functions of each coordinate with which an arbitrary function of some columns may change, if not too many."""
+    """Functions of each coordinate with which a general function of some columns may change, if not too many."""
     if columns > MOST_CHANGING:
         return {}
     every = functions_of_change(inputs, effect, place)
@@ -169,7 +172,8 @@ def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, colum
 
 
 def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: Mapping[str, Array]) -> bool:
-    """Whether an effect whose sign mechanics knows has the other one at more than a few readings."""
+    """Whether an effect whose sign mechanics knows has the opposite one at more than a few readings by more than a
+    little."""
     if not entry.basis_set.sign:
         return False
     strength = entry.coefficients[0] + sum(

@@ -9,13 +9,28 @@ courses that do turn is not counted for the effect.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from scipy.optimize import nnls
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
+from calibration.diagnosis.settings import VERDICT
 
+FAR_BELOW = 30.0  # log evidence of a basis set below the best one that decides nothing
 NOTHING = 1e-12  # of a residual: the constraints contradict one another, which these never do
+
+
+def judge_courses(evidence: Sequence[BasisSetEvidence], logs: Array) -> None:
+    """Take from log evidence (m,) what courses lose that must not turn, the strongest first, as far as it decides."""
+    left = [number for number, entry in enumerate(evidence) if entry.basis_set.one_way]
+    while left:
+        strongest = max(left, key=lambda number: float(logs[number]))
+        if logs[strongest] <= max(VERDICT.detection_threshold, float(logs.max()) - FAR_BELOW):
+            return
+        logs[strongest] -= loss_of_one_way(evidence[strongest])
+        left.remove(strongest)
 
 
 def loss_of_one_way(entry: BasisSetEvidence) -> float:

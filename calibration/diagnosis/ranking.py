@@ -23,14 +23,13 @@ from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.departure_evidence import with_departures
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect
-from calibration.diagnosis.one_way import loss_of_one_way
+from calibration.diagnosis.one_way import judge_courses
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
 ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
-FAR_BELOW = 30.0  # log evidence of a basis set below the best one at its place that decides nothing
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,8 @@ class Cause:
 
     @property
     def differs_with(self) -> tuple[str, ...]:
-        """Coordinates with which its strength departs from the form at `place`, VISIT from visit to visit."""
+        """Coordinates with which its strength departs from the form at `place`, or its general functions change; VISIT
+        from visit to visit."""
         return tuple(dict.fromkeys(departure.coordinate for departure in self.best.basis_set.departures))
 
     @property
@@ -220,22 +220,11 @@ def _evidence_by_place(
         # Weights that add up to less than one leave the remainder to basis sets that were not listed.
         weights /= max(1.0, float(weights.sum()))
         logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
-        _judge_courses(evidence, logs)
+        judge_courses(evidence, logs)
         best = evidence[int(np.argmax(logs))]
         contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
         out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))
     return out
-
-
-def _judge_courses(evidence: Sequence[BasisSetEvidence], logs: Array) -> None:
-    """Take from log evidence (m,) what courses lose that must not turn, the strongest first, as far as it decides."""
-    left = [number for number, entry in enumerate(evidence) if entry.basis_set.one_way]
-    while left:
-        strongest = max(left, key=lambda number: float(logs[number]))
-        if logs[strongest] <= max(VERDICT.detection_threshold, float(logs.max()) - FAR_BELOW):
-            return
-        logs[strongest] -= loss_of_one_way(evidence[strongest])
-        left.remove(strongest)
 
 
 def _refine(

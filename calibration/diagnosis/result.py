@@ -55,7 +55,8 @@ class FoundEffect:
     probability: that it is present, at any place. places: where, the strongest first; place, size, place_probability,
     others, differs_with and aliases are those of the first. raw_sigma, visible_sigma: RMS shift of the platform
     reflectors' coordinates from all places together, in units of sigma, before and after frame, reflectors and geometry
-    are refitted. differs_with: coordinates with which its strength departs from the form, 'visit' from visit to visit.
+    are refitted. differs_with: coordinates with which its strength departs from the form or its general functions
+    change, 'visit' from visit to visit.
     aliases: other periods in m that the readings do not exclude, the likeliest first.
     """
 

@@ -21,7 +21,7 @@ FLEXIBLE_SHARE = 0.3  # standard deviation of what a real part adds to the textb
 class Departure:
     """A column of a basis set, by its position there, times a function of a coordinate, by its number.
 
-    period_m: of what repeats along a drive, where the coordinate is the phase within it.
+    period_m: of what repeats along a drive, of whose phase some functions are; zero where nothing does.
     """
 
     column: int

@@ -22,7 +22,7 @@ REST_TERMS = 6  # of any function of the rest
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a delay that is another one at any time
 AFTER_EFFECT_S = (0.8, 3.0, 12.0, 50.0, 200.0, 800.0)  # in which a part forgets former motions
 AFTER_EFFECT_WEIGHT = 0.1
-LIMITS_M, WOUND_S = (1.0e-3, 0.05, 0.25), (1.0, 3.0, 10.0, 30.0)  # ways that wind up wholly; time constants
+LIMITS_M, WOUND_S = (1.0e-3, 0.05, 0.2, 0.6), (1.0, 3.0, 10.0, 30.0)  # ways that wind up wholly; time constants
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.02  # of a delay by any course in time
 REPORTED_M = 5.0e-7  # following error at rest, of which less is noise of the encoder
 ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
@@ -128,11 +128,11 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
         # What former motions have left dies away (Boltzmann's elastic after-effect), with any spectrum of times.
         moved_m = np.diff(context.history.drives[:, drive], prepend=context.history.drives[0, drive])
         left = np.stack([context.left_by_motions(moved_m, tau) for tau in AFTER_EFFECT_S], axis=1)
-        sets.add_set(sets.add((travel, -left)), weight=AFTER_EFFECT_WEIGHT, tau_s=AFTER_EFFECT_S[0])
+        sets.add_set(sets.add((travel, -left)), weight=AFTER_EFFECT_WEIGHT)
         # Or as a controller's integral action, up to a limit.
         limited = np.sign(moved_m) * np.clip(np.abs(moved_m) / np.array(LIMITS_M)[:, None], 0.0, 1.0)
         wound = [context.left_by_motions(by, tau) for by in limited for tau in WOUND_S]
-        sets.add_set(sets.add((travel, np.stack(wound, axis=1))), weight=AFTER_EFFECT_WEIGHT, tau_s=WOUND_S[0])
+        sets.add_set(sets.add((travel, np.stack(wound, axis=1))), weight=AFTER_EFFECT_WEIGHT)
     rest = cosine_basis(np.log(context.dwell_s + 0.3), REST_TERMS, constant=True)
     # Some of what it is short of its target a drive reports itself: the slider is short of that by more.
     reported_m = np.where(context.moving, 0.0, context.following_error_m[:, drive])

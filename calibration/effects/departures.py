@@ -41,7 +41,7 @@ def functions_it_varies_with(
 ) -> dict[str, Array]:
     """The same of each coordinate on which the effect's strength may depend wholly; period_m: of what repeats."""
     functions = _functions(inputs, effect, place, effect.varies_with)
-    if period_m > 0.0 and "phase" in effect.varies_with:
+    if period_m > 0.0 and effect.place == "drive" and "phase" in effect.varies_with:
         functions |= _functions_of_phase(inputs, place, period_m)
     return functions
 

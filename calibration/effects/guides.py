@@ -42,7 +42,7 @@ CHANGES_WITH: tuple[Coordinate, ...] = (
 
 
 def straightness(inputs: EffectInputs, drive: int) -> BasisSets:
-    """The slider deviates sideways from its axis along the travel, or as the next one pushes it."""
+    """The slider deviates sideways from its axis along the travel, or as another carriage pushes it aside."""
     channels = inputs.channels_of_drive("sideways", drive)
     sets, q = _along_travel(inputs, drive, channels), inputs.context.drives[:, drive]
     for channel in channels:

@@ -10,8 +10,9 @@ import pytest
 from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.basis_set_evidence import SIZES, evidence_of_basis_sets
 from calibration.diagnosis.effect_inputs import inputs_of_readings
+from calibration.diagnosis.one_way import loss_of_one_way
 from calibration.effects.api import BasisSet
-from calibration.effects.basis_functions import cosine_basis, tensor_product, wave_of
+from calibration.effects.basis_functions import cosine_basis, random_walk_basis, steps_over, tensor_product, wave_of
 from calibration.effects.departures import functions_it_varies_with, functions_of_change, functions_of_coordinates
 from tests.calibration.diagnosis.dense import HIGH, LOW, dense, explicit, log_density, with_forms_at
 from tests.calibration.effects.general_functions import typical_inputs
@@ -117,7 +118,7 @@ def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likeliho
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)
 
 
-def test_an_arbitrary_function_that_changes_has_the_evidence_of_a_dense_mixture(small, likelihood):
+def test_a_general_function_that_changes_has_the_evidence_of_a_dense_mixture(small, likelihood):
     """As likely as one another: that it stays as it is, and that it changes with one of the coordinates wholly, which
     has half of the prior that a form's would have."""
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
@@ -154,16 +155,46 @@ def test_an_arbitrary_function_that_changes_has_the_evidence_of_a_dense_mixture(
     assert {departure.coordinate for departure in found.best.basis_set.departures} == {"side.left"}
 
 
-def test_a_function_of_many_columns_does_not_change(small, likelihood):
+@pytest.mark.parametrize(
+    ("many", "with_what"),
+    [(departure_evidence.MOST_CHANGING + 1, "side"), (departure_evidence.MOST_PRODUCTS // 3 + 1, "time")],
+)
+def test_a_function_of_many_columns_does_not_change(small, likelihood, many, with_what):
+    """Nor one of fewer with a coordinate of three terms."""
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
-    effect = replace(with_forms_at(0), functions_vary_with=("side",))
-    many = departure_evidence.MOST_CHANGING + 1
+    effect = replace(with_forms_at(0), functions_vary_with=(with_what,))
     curve = [(("travel.left", shape),) for shape in cosine_basis(small.context.drives[:, 0], many).T]
     basis_sets = [BasisSet(tuple(range(many)), (1.0,) * many)]
     (exact,) = evidence_of_basis_sets(likelihood.information_and_score(curve), basis_sets, LOW, HIGH)
     found = departure_evidence.with_departures(likelihood, inputs, effect, 0, exact, curve, LOW, by_visit=False)
     assert found.gain == 0.0
     assert found.best is exact
+
+
+def test_a_course_that_changes_with_the_load_must_not_turn_either(small, likelihood):
+    """One that seems to turn because another load is on at the end does not, once the load is said to change it."""
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = replace(with_forms_at(0), functions_vary_with=("payload",))
+    t, load = small.context.elapsed_s / small.context.elapsed_s.max(), small.context.payload_kg
+    course = random_walk_basis(t, 8)
+    columns = [(("travel.left", shape),) for shape in course.T]
+    there_and_back = np.sin(np.pi * t) * (load / load.max() - 0.2)
+    shift = explicit(small, likelihood, [(("travel.left", there_and_back),)])[:, 0]
+    planted = likelihood.on(replace(small, residual=small.residual + 3.0e-4 * shift.reshape(-1, 3)))
+    information = planted.information_and_score(columns)
+
+    def gain(*one_way):
+        basis_sets = [BasisSet(tuple(range(8)), (1.0,) * 8, one_way=one_way)]
+        (exact,) = evidence_of_basis_sets(information, basis_sets, LOW, HIGH)
+        found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, columns, LOW, by_visit=False)
+        return found.gain, loss_of_one_way(exact), loss_of_one_way(found.best)
+
+    free, _, _ = gain()
+    held, loss, loss_of_best = gain(steps_over(small.context.elapsed_s, course))
+    assert free > 10.0
+    assert loss > 1000.0
+    assert 10.0 < loss_of_best < 0.1 * loss  # most of the turning was the load's
+    assert held - free == pytest.approx(loss - loss_of_best, abs=1.0)
 
 
 @pytest.mark.parametrize("late", [0.0, 0.3])

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression, minimize
 
-from calibration.diagnosis import ranking
+from calibration.diagnosis import one_way, ranking
 from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.diagnosis.one_way import least_square, loss_of_one_way
+from calibration.diagnosis.one_way import judge_courses, least_square, loss_of_one_way
 from calibration.effects.api import BasisSets
 from calibration.effects.basis_functions import random_walk_basis, steps_over
 from calibration.effects.catalogue import load_catalogue
@@ -104,7 +104,7 @@ def test_all_courses_that_decide_are_judged_however_far_the_strongest_falls():
     still.add_set(still.add(("travel.left", np.eye(COUNT))))
     entries.append(BasisSetEvidence(still.sets[0], 100.0, 1.0, turns, 1e-4 * np.eye(COUNT)))
     logs, loss = np.array([6_000.0, 5_000.0, 500.0]), loss_of_one_way(entries[0])
-    ranking._judge_courses(entries, logs)
+    judge_courses(entries, logs)
     assert loss > 4_000.0
     assert logs == pytest.approx([6_000.0 - loss, 5_000.0 - loss, 500.0])
 
@@ -115,7 +115,7 @@ def test_courses_far_below_the_best_are_not_judged():
     still = BasisSets()
     still.add_set(still.add(("travel.left", np.eye(COUNT))))
     entries[0] = BasisSetEvidence(still.sets[0], 100.0, 1.0, np.ones(COUNT), np.eye(COUNT))
-    ranking._judge_courses(entries, logs)
+    judge_courses(entries, logs)
     assert logs.tolist() == [100.0, 5.0]
 
 
@@ -135,7 +135,7 @@ def test_a_crane_that_comes_and_goes_is_no_settling(monkeypatch, effect, least, 
         return place.log_evidence
 
     held = evidence()
-    monkeypatch.setattr(ranking, "loss_of_one_way", lambda _: 0.0)
+    monkeypatch.setattr(one_way, "loss_of_one_way", lambda _: 0.0)
     free = evidence()
     assert free > 200.0
     assert least <= (free - held) / free <= most

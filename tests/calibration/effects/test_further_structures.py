@@ -57,8 +57,8 @@ def tracker_drift__levelled(inputs):
 
 def servo_settling__wound_up(inputs):
     """Integral action, wound up over every way as far as its limit lets it, carries the drive on and unwinds."""
-    limited = np.clip(moved_m(inputs, 0) / 0.25, -1.0, 1.0)
-    return {"travel.left": faded(inputs, limited, 5.0)}
+    limited = np.clip(moved_m(inputs, 0) / 0.12, -1.0, 1.0)
+    return {"travel.left": faded(inputs, limited, 2.0)}
 
 
 def guide_straightness__pushed_by_the_next(inputs):

@@ -309,7 +309,7 @@ EFFECTS = (
         forms=compliance,
         untested=_untested_with_one_payload,
         textbook=Textbook("force", "Timoshenko, Strength of Materials: Hooke's law"),
-        varies_with=("own travel", "other travel", "side", "payload", "rest", "time", "temperature"),
+        varies_with=("own travel", "other travel", "side", "payload", "rest", "speed", "time", "temperature"),
         order=60,
     ),
     Effect(
@@ -322,7 +322,7 @@ EFFECTS = (
         untested=_untested_with_one_payload,
         curves=link_stiffness_curves,
         textbook=Textbook("tension", "Timoshenko, Strength of Materials: Hooke's law, springs in series"),
-        varies_with=("own travel", "other travel", "side", "payload", "rest", "time", "temperature"),
+        varies_with=("own travel", "other travel", "side", "payload", "rest", "speed", "time", "temperature"),
         order=70,
     ),
     Effect(

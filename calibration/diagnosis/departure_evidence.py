@@ -42,6 +42,7 @@ FEW, LITTLE = 0.05, 0.3  # share of the readings at which a strength of known si
 # than LITTLE of its RMS
 MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
+MOST_PRODUCTS_A_VISIT = 0.5
 
 _Kind = Literal["exact", "a little", "wholly", "by visit"]
 
@@ -167,8 +168,9 @@ def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, colum
     """Functions of each coordinate with which a general function of some columns may change, if not too many."""
     if columns > MOST_CHANGING:
         return {}
+    most = min(MOST_PRODUCTS, MOST_PRODUCTS_A_VISIT * len(np.unique(inputs.context.arrival)))
     every = functions_of_change(inputs, effect, place)
-    return {name: functions for name, functions in every.items() if columns * functions.shape[1] <= MOST_PRODUCTS}
+    return {name: functions for name, functions in every.items() if columns * functions.shape[1] <= most}
 
 
 def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: Mapping[str, Array]) -> bool:

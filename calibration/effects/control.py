@@ -204,7 +204,7 @@ EFFECTS = (
         untested=_untested_with_one_drive,
         textbook=Textbook("in_proportion", "ISO 230-1: squareness and parallelism of axes"),
         varies_with=("own travel", "other travel", "side", "payload", "speed", "time", "temperature"),
-        functions_vary_with=("own travel", "other travel", "side", "payload", "rest", "speed", "time", "temperature"),
+        functions_vary_with=("own travel", "other travel", "payload", "rest", "speed", "time", "temperature"),
         order=180,
     ),
     Effect(
@@ -238,7 +238,7 @@ EFFECTS = (
             "speed",
             "time",
         ),
-        functions_vary_with=("own travel", "other travel", "side", "approach", "payload", "speed", "time"),
+        functions_vary_with=("side", "approach", "speed", "time"),
         order=200,
     ),
 )

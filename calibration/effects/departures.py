@@ -20,7 +20,12 @@ VISIT = "visit"
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate
 ROUGHNESS = 1.5
 SHORTEST_REST_S = 0.1
-WAVES = (1.0 / 3.0, 0.5, *(float(k) for k in range(1, 11)))  # periods of them in one
+SAME_M, POSITIONS_A_COLUMN = 1.0e-4, 3  # positions of a drive, of fewer of which waves of any form explain anything
+WAVES = (
+    1.0 / 3.0,
+    0.5,
+    *(float(k) for k in range(2, 12)),
+)  # periods of them in one; the wave itself would make play of it
 ALWAYS: tuple[Coordinate, ...] = (
     "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time",
 )  # fmt: skip
@@ -51,6 +56,9 @@ def _functions_of_phase(inputs: EffectInputs, drive: int, period_m: float) -> di
 
     A wave times these is a wave of any form, as of signals that are cut off, counted, or switched late.
     """
+    columns = 2 * 2 * len(WAVES)  # a sine and a cosine, times those of each wave
+    if len(np.unique(np.round(inputs.context.drives[:, drive] / SAME_M))) < POSITIONS_A_COLUMN * columns:
+        return {}
     name = inputs.machine.drive_names[drive]
     weights = np.array([min(k, 1.0 / k) for k in WAVES])
     waves = np.concatenate([wave_of(inputs.context.drives[:, drive], period_m / k) for k in WAVES], axis=1)

@@ -201,7 +201,7 @@ def test_a_course_that_changes_with_the_load_must_not_turn_either(small, likelih
 def test_a_wave_times_functions_of_its_phase_is_a_wave_of_any_form(late):
     """A sawtooth, as of periods that are counted and nothing in between, whose counter switches late in either
     direction; what its first harmonic alone explains is far less."""
-    inputs, period_m = typical_inputs(160), 0.011
+    inputs, period_m = typical_inputs(240), 0.011
     q, side = inputs.context.drives[:, 0], inputs.context.direction[:, 0]
     law = 2.0 * ((q / period_m - late * side) % 1.0) - 1.0
     effect = replace(with_forms_at(0), varies_with=("phase",))
@@ -216,3 +216,4 @@ def test_a_wave_times_functions_of_its_phase_is_a_wave_of_any_form(late):
     assert left() > 0.3
     assert left(form) > 0.3 or late == 0.0
     assert functions_it_varies_with(inputs, effect, 0).keys() == set()
+    assert functions_it_varies_with(typical_inputs(160), effect, 0, period_m).keys() == set()  # at too few positions

@@ -38,11 +38,11 @@ from calibration.effects.departures import (
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
 NOTHING = 1e-300
-FEW, LITTLE = 0.05, 0.3  # share of the readings at which a strength of known sign may have the opposite one by more
-# than LITTLE of its RMS
+# Share of the readings at which a strength of known sign may have the opposite one, by more than a share of its RMS.
+FEW, LITTLE = 0.05, 0.3
 MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
-MOST_PRODUCTS_A_VISIT = 0.5
+MOST_PRODUCTS_A_VISIT = 0.5  # of more than half as many as visits one fits nearly anything that differs by visit
 
 _Kind = Literal["exact", "a little", "wholly", "by visit"]
 

@@ -20,12 +20,10 @@ VISIT = "visit"
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate
 ROUGHNESS = 1.5
 SHORTEST_REST_S = 0.1
-SAME_M, POSITIONS_A_COLUMN = 1.0e-4, 3  # positions of a drive, of fewer of which waves of any form explain anything
-WAVES = (
-    1.0 / 3.0,
-    0.5,
-    *(float(k) for k in range(2, 12)),
-)  # periods of them in one; the wave itself would make play of it
+# How many periods each wave has in one. Not one: a wave by side times itself is, in its mean, play.
+WAVES = (1.0 / 3.0, 0.5, *(float(k) for k in range(2, 12)))
+# Positions of a drive, those within SAME_M being one: of fewer a column, waves of any form explain anything.
+SAME_M, POSITIONS_A_COLUMN = 1.0e-4, 3
 ALWAYS: tuple[Coordinate, ...] = (
     "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time",
 )  # fmt: skip
@@ -54,7 +52,8 @@ def functions_it_varies_with(
 def _functions_of_phase(inputs: EffectInputs, drive: int, period_m: float) -> dict[str, Array]:
     """Waves of a drive's coordinate within a period, a few periods and its fractions: by themselves and by side.
 
-    A wave times these is a wave of any form, as of signals that are cut off, counted, or switched late.
+    A wave times these is a wave of any form, as of signals that are cut off, counted, or switched late. None where the
+    drive had too few positions to tell.
     """
     columns = 2 * 2 * len(WAVES)  # a sine and a cosine, times those of each wave
     if len(np.unique(np.round(inputs.context.drives[:, drive] / SAME_M))) < POSITIONS_A_COLUMN * columns:

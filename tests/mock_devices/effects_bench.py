@@ -87,6 +87,26 @@ def sight_of(points_m):
     return StationSight(points_m.copy(), hz, np.arccos(points_m[..., 2] / distance), distance)
 
 
+def travel(one, at_m, drive=0, **kinds):
+    """Displacement (n,) of a slider at places."""
+    t = kinds.pop("t_s", one.t_s)
+    return one.deviation(t_s=np.full(len(at_m), t), q=along(at_m, drive), **kinds).travel_m[:, drive]
+
+
+def drawn(name, variant, attribute, *, low, high):
+    """What an effect has drawn: it is in its range, and another seed draws another one."""
+    one, other = (getattr(Alone(name, 1e-5, variant=variant, seed=seed).effect, attribute) for seed in (1, 2))
+    assert one != other
+    assert low <= one <= high
+    assert low <= other <= high
+    return one
+
+
+def amplitude(off_m, at_m, period_m):
+    """Complex amplitude of a sine of a period in samples at places that cover whole periods."""
+    return complex(2.0 * np.mean(off_m * np.exp(-2j * np.pi * at_m / period_m)))
+
+
 def along(positions_m, drive=0):
     """Drive positions (n, 2) with one drive at many places."""
     q = np.full((len(positions_m), 2), HOME_M)

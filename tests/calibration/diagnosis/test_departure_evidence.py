@@ -156,19 +156,31 @@ def test_a_general_function_that_changes_has_the_evidence_of_a_dense_mixture(sma
 
 
 @pytest.mark.parametrize(
-    ("many", "with_what"),
-    [(departure_evidence.MOST_CHANGING + 1, "side"), (departure_evidence.MOST_PRODUCTS // 3 + 1, "time")],
+    ("columns", "with_what", "a_visit", "changes"),
+    [(61, "side", 50.0, False), (41, "time", 50.0, False), (40, "time", 50.0, True), (40, "time", 0.5, False)],
 )
-def test_a_function_of_many_columns_does_not_change(small, likelihood, many, with_what):
-    """Nor one of fewer with a coordinate of three terms."""
+def test_a_function_of_many_columns_does_not_change(
+    small, likelihood, monkeypatch, columns, with_what, a_visit, changes
+):
+    """Nor one of fewer with a coordinate of three terms, nor one with more products than half of the visits."""
+    monkeypatch.setattr(departure_evidence, "MOST_PRODUCTS_A_VISIT", a_visit)
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = replace(with_forms_at(0), functions_vary_with=(with_what,))
-    curve = [(("travel.left", shape),) for shape in cosine_basis(small.context.drives[:, 0], many).T]
-    basis_sets = [BasisSet(tuple(range(many)), (1.0,) * many)]
+    curve = [(("travel.left", shape),) for shape in cosine_basis(small.context.drives[:, 0], columns).T]
+    basis_sets = [BasisSet(tuple(range(columns)), (1.0,) * columns)]
     (exact,) = evidence_of_basis_sets(likelihood.information_and_score(curve), basis_sets, LOW, HIGH)
     found = departure_evidence.with_departures(likelihood, inputs, effect, 0, exact, curve, LOW, by_visit=False)
-    assert found.gain == 0.0
-    assert found.best is exact
+    assert (found.best is not exact) == changes
+    assert (found.gain != 0.0) == changes
+
+
+def test_a_function_has_half_as_many_products_as_visits(small, likelihood):
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    effect = replace(with_forms_at(0), functions_vary_with=("payload",))
+    half = len(np.unique(small.context.arrival)) // 2
+    assert half < departure_evidence.MOST_CHANGING
+    assert departure_evidence._functions_of_change(inputs, effect, 0, half).keys() == {"payload"}
+    assert not departure_evidence._functions_of_change(inputs, effect, 0, half + 1)
 
 
 def test_a_course_that_changes_with_the_load_must_not_turn_either(small, likelihood):
@@ -217,3 +229,16 @@ def test_a_wave_times_functions_of_its_phase_is_a_wave_of_any_form(late):
     assert left(form) > 0.3 or late == 0.0
     assert functions_it_varies_with(inputs, effect, 0).keys() == set()
     assert functions_it_varies_with(typical_inputs(160), effect, 0, period_m).keys() == set()  # at too few positions
+
+
+def test_no_wave_of_any_form_is_play():
+    """Which a wave by side times itself would be, in its mean."""
+    inputs, period_m = typical_inputs(240), 0.011
+    effect = replace(with_forms_at(0), varies_with=("phase",))
+    by_side = functions_it_varies_with(inputs, effect, 0, period_m)["phase by side.left"]
+    columns, play = (
+        tensor_product(wave_of(inputs.context.drives[:, 0], period_m), by_side),
+        inputs.context.direction[:, 0],
+    )
+    left = play - columns @ np.linalg.lstsq(columns, play, rcond=None)[0]
+    assert np.sum(left**2) > 0.3 * np.sum(play**2)

@@ -7,30 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along
+from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along, amplitude, drawn, travel
 
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
 MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
 ALPHA_SCREW = 10.5e-6
-
-
-def travel(one, at_m, drive=0, **kinds):
-    """Displacement (n,) of a slider at places."""
-    t = kinds.pop("t_s", one.t_s)
-    return one.deviation(t_s=np.full(len(at_m), t), q=along(at_m, drive), **kinds).travel_m[:, drive]
-
-
-def another_seed(name, variant, attribute, *, low, high):
-    """What an effect has drawn: it is in its range, and another seed draws another one."""
-    drawn = [getattr(Alone(name, 1e-5, variant=variant, seed=seed).effect, attribute) for seed in (1, 2)]
-    assert drawn[0] != drawn[1]
-    assert all(low <= value <= high for value in drawn)
-    return drawn[0]
-
-
-def amplitude(off_m, at_m, period_m):
-    """Complex amplitude of a sine of a period in samples at places that cover whole periods."""
-    return complex(2.0 * np.mean(off_m * np.exp(-2j * np.pi * at_m / period_m)))
 
 
 def beside_grid(apart_m):
@@ -64,7 +45,7 @@ def test_oil_that_its_heat_has_thinned_warms_a_screw_less():
 
 
 def test_an_eccentric_wheel_opens_and_closes_play_once_a_turn():
-    wheel_m = another_seed("backlash", "eccentric_wheel", "wheel_m", low=0.03, high=0.09)
+    wheel_m = drawn("backlash", "eccentric_wheel", "wheel_m", low=0.03, high=0.09)
     one = Alone("backlash", 4e-5, variant="eccentric_wheel")
     at = HOME_M + np.arange(60) * wheel_m / 60.0
     for came_from in (1.0, -1.0):
@@ -78,7 +59,7 @@ def test_an_eccentric_wheel_opens_and_closes_play_once_a_turn():
 
 
 def test_carriages_far_apart_jam_a_guide_like_a_drawer():
-    jams_m = another_seed("friction_windup", "jammed_drawer", "jams_m", low=0.6, high=1.0)
+    jams_m = drawn("friction_windup", "jammed_drawer", "jams_m", low=0.6, high=1.0)
     one = Alone("friction_windup", 1e-8, variant="jammed_drawer", friction_n=300.0)
     for side in (1.0, -1.0):
         one.move(0, HOME_M - 0.2 * side)
@@ -95,7 +76,7 @@ def test_carriages_far_apart_jam_a_guide_like_a_drawer():
 
 
 def test_a_blow_has_left_waves_that_grow_shorter_towards_it():
-    another_seed("screw_cumulative_error", "dispersed_blow", "waves", low=4.0, high=7.0)
+    drawn("screw_cumulative_error", "dispersed_blow", "waves", low=4.0, high=7.0)
     one = Alone("screw_cumulative_error", 1e-5, variant="dispersed_blow")
     blow_m, waves = one.effect.blow_m, one.effect.waves
     assert 0.4 <= LOW_M - blow_m <= 0.7
@@ -115,7 +96,7 @@ def test_a_blow_has_left_waves_that_grow_shorter_towards_it():
 
 
 def test_a_shaft_gears_the_error_of_a_screw_to_the_next_one():
-    geared = another_seed("screw_periodic_error", "geared_together", "geared", low=0.25, high=0.6)
+    geared = drawn("screw_periodic_error", "geared_together", "geared", low=0.25, high=0.6)
     one = Alone("screw_periodic_error", 1e-5, variant="geared_together", period_m=0.01)
     mine = HOME_M + np.linspace(0.0, 0.01, 50, endpoint=False)
     others = np.linspace(1.0, 1.0 + 0.01 / geared, 40, endpoint=False)
@@ -134,7 +115,7 @@ def test_a_shaft_gears_the_error_of_a_screw_to_the_next_one():
 
 
 def test_errors_of_two_tracks_of_unequal_pitch_beat():
-    periods = another_seed("encoder_interpolation", "two_tracks", "periods", low=15, high=40)
+    periods = drawn("encoder_interpolation", "two_tracks", "periods", low=15, high=40)
     one = Alone("encoder_interpolation", 1e-5, variant="two_tracks", pitch_m=2e-4)
     long_m = 2e-4 * periods
     at = HOME_M + np.linspace(0.0, long_m, 64 * periods, endpoint=False)
@@ -149,7 +130,7 @@ def test_errors_of_two_tracks_of_unequal_pitch_beat():
 
 
 def test_a_carriage_that_comes_abreast_presses_a_guide_aside():
-    reach_m = another_seed("guide_straightness", "carriage_abreast", "abreast_m", low=0.12, high=0.22)
+    reach_m = drawn("guide_straightness", "carriage_abreast", "abreast_m", low=0.12, high=0.22)
     apart = np.array([-0.6, -reach_m, -0.05, 0.0, 0.05, reach_m, 2.0 * reach_m])
     expected = 1e-5 * np.array([math.exp(-0.6 / reach_m), math.exp(-1.0), math.exp(-0.05 / reach_m), 1.0,
                                 math.exp(-0.05 / reach_m), math.exp(-1.0), math.exp(-2.0)])  # fmt: skip
@@ -163,7 +144,7 @@ def test_a_carriage_that_comes_abreast_presses_a_guide_aside():
 
 
 def test_warm_blocks_follow_the_waves_of_their_rail_further():
-    opens_k = another_seed("guide_angular", "warm_gap", "opens_k", low=-0.4, high=0.4)
+    opens_k = drawn("guide_angular", "warm_gap", "opens_k", low=-0.4, high=0.4)
     one = Alone("guide_angular", 1e-4, variant="warm_gap", wavelength_m=0.4)
     at = HOME_M - 0.2 + np.linspace(0.0, 0.4, 40, endpoint=False)
     for celsius, follows in ((17.0, 0.25), (20.0 + opens_k, 0.25), (20.5 + opens_k, 0.75), (23.0 + opens_k, 3.25)):
@@ -175,7 +156,7 @@ def test_warm_blocks_follow_the_waves_of_their_rail_further():
 
 
 def test_a_thread_gives_way_by_half_while_the_other_axis_rests():
-    silk_s = another_seed("axis_coupling", "silk_after_effect", "silk_s", low=5.0, high=20.0)
+    silk_s = drawn("axis_coupling", "silk_after_effect", "silk_s", low=5.0, high=20.0)
     one = Alone("axis_coupling", 1e-4, variant="silk_after_effect")
     for to_m in (1.41, 0.61):
         one.move(1, to_m, rest_s=0.0)
@@ -191,7 +172,7 @@ def test_a_thread_gives_way_by_half_while_the_other_axis_rests():
 
 
 def test_messages_wait_on_a_bus_that_moving_drives_crowd():
-    full = another_seed("latency", "crowded_bus", "crowded_m_per_s", low=1.3, high=2.0)
+    full = drawn("latency", "crowded_bus", "crowded_m_per_s", low=1.3, high=2.0)
     one = Alone("latency", 1e-3, variant="crowded_bus")
     for velocity in ((0.0, 0.0), (0.5, 0.0), (0.0, -0.5), (0.5, -0.5), (-0.25, -0.1)):
         busy = (abs(velocity[0]) + abs(velocity[1])) / full
@@ -224,7 +205,7 @@ def test_what_swings_on_depends_on_how_long_the_motion_lasted():
 
 def test_a_reader_switches_its_range_and_back_where_it_is_cooler():
     swing = Temperatures(lambda t: 21.0 + 0.6 * np.sin(np.maximum(t - 60.0, 0.0) / 900.0))
-    up_k = another_seed("drive_scale", "switching_range", "up_k", low=0.05, high=0.25)
+    up_k = drawn("drive_scale", "switching_range", "up_k", low=0.05, high=0.25)
     one = Alone("drive_scale", 3e-5, variant="switching_range", temperatures=swing, start_s=60.0, onset_s=5000.0)
     back_k, sign = one.effect.back_k, one.effect.sign
     assert 0.1 <= up_k - back_k <= 0.25

@@ -13,20 +13,11 @@ from mock_devices.effects.base import Site
 from mock_devices.effects.catalogue import make
 from mock_devices.known_tables import KnownTable
 from mock_devices.recordings.design import nominal_drives
-from tests.mock_devices.effects_bench import FILE, HOME_M, STATION_M, Alone, Temperatures
+from tests.mock_devices.effects_bench import FILE, HOME_M, STATION_M, Alone, Temperatures, drawn
 
 ALPHA = 11.5e-6
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
 MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
-
-
-def drawn(name, variant, attribute, *, low, high):
-    """What an effect has drawn: it is in its range, and another seed draws another one."""
-    one, other = (getattr(Alone(name, 1e-5, variant=variant, seed=seed).effect, attribute) for seed in (1, 2))
-    assert one != other
-    assert low <= one <= high
-    assert low <= other <= high
-    return one
 
 
 def test_coolant_takes_more_heat_away_once_its_flow_is_turbulent():

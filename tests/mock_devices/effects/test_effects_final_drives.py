@@ -7,30 +7,11 @@ import math
 import numpy as np
 import pytest
 
-from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along
+from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along, amplitude, drawn, travel
 
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
 MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
 ALPHA_SCREW = 10.5e-6
-
-
-def travel(one, at_m, drive=0, **kinds):
-    """Displacement (n,) of a slider at places."""
-    t = kinds.pop("t_s", one.t_s)
-    return one.deviation(t_s=np.full(len(at_m), t), q=along(at_m, drive), **kinds).travel_m[:, drive]
-
-
-def another_seed(name, variant, attribute, *, low, high):
-    """What an effect has drawn: it is in its range, and another seed draws another one."""
-    drawn = [getattr(Alone(name, 1e-5, variant=variant, seed=seed).effect, attribute) for seed in (1, 2)]
-    assert drawn[0] != drawn[1]
-    assert all(low <= value <= high for value in drawn)
-    return drawn[0]
-
-
-def amplitude(off_m, at_m, period_m):
-    """Complex amplitude of a sine of a period in samples at places that cover whole periods."""
-    return complex(2.0 * np.mean(off_m * np.exp(-2j * np.pi * at_m / period_m)))
 
 
 def at_celsius(one, celsius):
@@ -65,7 +46,7 @@ def test_ways_of_the_next_drive_warm_a_screw_from_its_upper_end():
 
 
 def test_a_counterweight_leaves_play_only_near_balance():
-    balanced_kg = another_seed("backlash", "counterpoised", "balanced_kg", low=0.0, high=400.0)
+    balanced_kg = drawn("backlash", "counterpoised", "balanced_kg", low=0.0, high=400.0)
     one = Alone("backlash", 4e-5, variant="counterpoised")
     for came_from in (1.0, -1.0):
         one.move(0, HOME_M + 0.2 * came_from)
@@ -78,7 +59,7 @@ def test_a_counterweight_leaves_play_only_near_balance():
 
 
 def test_friction_rises_until_a_lubricator_gives_oil():
-    oils_s = another_seed("friction_windup", "oiled_anew", "oils_s", low=700.0, high=1800.0)
+    oils_s = drawn("friction_windup", "oiled_anew", "oils_s", low=700.0, high=1800.0)
     one = Alone("friction_windup", 1e-8, variant="oiled_anew", friction_n=400.0, start_s=50.0)
     one.move(0, HOME_M + 0.2)
     t = 200.0 + np.arange(0.0, 4000.0, 1.0)
@@ -123,7 +104,7 @@ def test_a_corrector_of_few_harmonics_rings_beside_a_step():
 
 
 def test_a_turn_of_a_conical_drum_takes_a_longer_way_higher_up():
-    cone = another_seed("screw_periodic_error", "conical_drum", "cone", low=0.08, high=0.3)
+    cone = drawn("screw_periodic_error", "conical_drum", "cone", low=0.08, high=0.3)
     one = Alone("screw_periodic_error", 1e-5, variant="conical_drum", period_m=0.02)
     at = np.linspace(LOW_M, HIGH_M, 40001)
     off = travel(one, at)
@@ -138,7 +119,7 @@ def test_a_turn_of_a_conical_drum_takes_a_longer_way_higher_up():
 
 
 def test_a_lifted_head_has_one_weaker_signal():
-    lifts_kg = another_seed("encoder_interpolation", "lifted_head", "lifts_kg", low=200.0, high=500.0)
+    lifts_kg = drawn("encoder_interpolation", "lifted_head", "lifts_kg", low=200.0, high=500.0)
     one = Alone("encoder_interpolation", 1e-5, variant="lifted_head", pitch_m=2e-4)
     at = HOME_M + np.linspace(0.0, 2e-4, 256, endpoint=False)
     firsts = {}
@@ -156,8 +137,8 @@ def test_a_lifted_head_has_one_weaker_signal():
 
 
 def test_a_rail_buckles_aside_above_one_temperature():
-    buckle_m = another_seed("guide_straightness", "buckled_rail", "buckle_m", low=0.5, high=0.9)
-    buckles_k = another_seed("guide_straightness", "buckled_rail", "buckles_k", low=-0.4, high=0.4)
+    buckle_m = drawn("guide_straightness", "buckled_rail", "buckle_m", low=0.5, high=0.9)
+    buckles_k = drawn("guide_straightness", "buckled_rail", "buckles_k", low=-0.4, high=0.4)
     one = Alone("guide_straightness", 1e-5, variant="buckled_rail")
     middle_m = one.effect.buckle_at_m
     assert abs(middle_m - MIDDLE_M) <= 0.3 * HALF_M
@@ -172,7 +153,7 @@ def test_a_rail_buckles_aside_above_one_temperature():
 
 
 def test_pockets_whose_pressure_pulses_follow_the_waves_of_their_rail():
-    pockets_s = another_seed("guide_angular", "pulsing_pockets", "pockets_s", low=200.0, high=700.0)
+    pockets_s = drawn("guide_angular", "pulsing_pockets", "pockets_s", low=200.0, high=700.0)
     one = Alone("guide_angular", 1e-4, variant="pulsing_pockets", wavelength_m=0.4, start_s=20.0)
     at = HOME_M - 0.2 + np.linspace(0.0, 0.4, 40, endpoint=False)
     found = []
@@ -191,7 +172,7 @@ def test_pockets_whose_pressure_pulses_follow_the_waves_of_their_rail():
 
 
 def test_a_rope_pulls_only_where_it_is_taut():
-    taut_m = another_seed("axis_coupling", "taut_rope", "taut_m", low=-0.4 * HALF_M, high=0.2 * HALF_M)
+    taut_m = drawn("axis_coupling", "taut_rope", "taut_m", low=-0.4 * HALF_M, high=0.2 * HALF_M)
     one = Alone("axis_coupling", 1e-4, variant="taut_rope", place="right")
     for beyond_m, pull_m in ((-0.3, 0.0), (-1e-3, 0.0), (0.1, 0.1), (0.35, 0.35)):
         q = [[MIDDLE_M + taut_m + beyond_m, 0.9]]
@@ -199,7 +180,7 @@ def test_a_rope_pulls_only_where_it_is_taut():
 
 
 def test_a_clock_loses_by_the_square_of_how_far_its_quartz_is_off():
-    best_k = another_seed("latency", "warm_quartz", "best_k", low=-1.0, high=1.0)
+    best_k = drawn("latency", "warm_quartz", "best_k", low=-1.0, high=1.0)
     course = Temperatures(lambda t: 20.0 + 0.7 * np.sin(np.maximum(t - 500.0, 0.0) / 800.0))
     one = Alone("latency", 1e-3, variant="warm_quartz", start_s=500.0, temperatures=course)
     lost, step, now_s = 0.0, 0.5, 0.0
@@ -215,7 +196,7 @@ def test_a_clock_loses_by_the_square_of_how_far_its_quartz_is_off():
 
 def test_a_sampled_loop_takes_half_of_what_is_left_each_time_it_looks():
     tau = 2.0
-    looks = another_seed("servo_settling", "sampled_loop", "looks", low=0.0, high=1.0)
+    looks = drawn("servo_settling", "sampled_loop", "looks", low=0.0, high=1.0)
     one = Alone("servo_settling", 1e-4, variant="sampled_loop", tau_s=tau, start_s=10.0)
     for side, speed in ((1.0, 0.5), (-1.0, 0.1), (1.0, 0.25)):
         one.move(0, HOME_M + 0.13 * side, speed=speed, rest_s=0.0)
@@ -232,7 +213,7 @@ def test_a_sampled_loop_takes_half_of_what_is_left_each_time_it_looks():
 
 
 def test_a_scale_swings_with_the_mains():
-    mains_s = another_seed("drive_scale", "wandering_mains", "mains_s", low=250.0, high=800.0)
+    mains_s = drawn("drive_scale", "wandering_mains", "mains_s", low=250.0, high=800.0)
     one = Alone("drive_scale", 3e-5, variant="wandering_mains", start_s=60.0, onset_s=900.0)
     assert not np.any(travel(one, np.array([LOW_M, HIGH_M]), t_s=959.0))
     t = 960.0 + np.arange(40) / 40.0 * mains_s

@@ -8,16 +8,11 @@ import numpy as np
 import pytest
 
 from mock_devices.effects.base import GRAVITY_M_PER_S2
-from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along
+from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along, travel
 
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
 MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
 ALPHA_SCREW = 10.5e-6
-
-
-def travel(one, at_m, drive=0):
-    """Displacement (n,) of a slider at places."""
-    return one.deviation(t_s=np.full(len(at_m), one.t_s), q=along(at_m, drive)).travel_m[:, drive]
 
 
 def test_a_screw_goes_on_growing_while_its_nut_is_warmer():

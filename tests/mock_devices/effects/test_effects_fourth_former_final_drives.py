@@ -8,17 +8,11 @@ import numpy as np
 import pytest
 
 from mock_devices.effects.base import GRAVITY_M_PER_S2
-from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along
+from tests.mock_devices.effects_bench import FILE, HOME_M, Alone, Temperatures, along, travel
 
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
 MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
 ALPHA_SCREW = 10.5e-6
-
-
-def travel(one, at_m, drive=0, **kinds):
-    """Displacement (n,) of a slider at places."""
-    t = kinds.pop("t_s", one.t_s)
-    return one.deviation(t_s=np.full(len(at_m), t), q=along(at_m, drive), **kinds).travel_m[:, drive]
 
 
 def to_and_fro(one, times, *, reach_m=0.25, speed=0.5, rest_s=1.0, drive=0):

@@ -31,6 +31,14 @@ def draw_breaks(rows: Rows, rng: np.random.Generator) -> tuple[Indices, float]:
     return np.searchsorted(ends_s, rows.t_s, "right"), float(ends_s[0])
 
 
+def draw_after_break(rows: Rows, rng: np.random.Generator) -> tuple[NDArray[np.bool_], float, float]:
+    """Whether a reading is after one of the breaks (r,), when the first of those was, and the moment before it."""
+    breaks, _ = draw_breaks(rows, rng)
+    after = breaks >= rng.integers(1, int(breaks[-1]) + 1)
+    first = int(np.argmax(after))
+    return after, float(rows.t_s[first]), float(rows.t_s[first - 1] + rows.t_s[first]) / 2
+
+
 def draw_stretches(rows: Rows, count: tuple[int, int], share: tuple[float, float], rng: np.random.Generator) -> Array:
     """1 within some stretches of the campaign, each of such a share of it, else 0 (r,)."""
     on = np.zeros(len(rows))

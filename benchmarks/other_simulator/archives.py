@@ -13,14 +13,15 @@ from benchmarks.other_simulator.forms.catalogue import (
     FOURTH,
     OUTSIDE,
     SECOND,
+    SIXTH,
     SPACE,
     THIRD,
     names_of_forms,
 )
 from benchmarks.other_simulator.nominal import DELTA, PLANAR, STEWART
 
-SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404, FOURTH: 5505, FIFTH: 6606}
-NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900, FOURTH: 1200, FIFTH: 1500}
+SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404, FOURTH: 5505, FIFTH: 6606, SIXTH: 7707}
+NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900, FOURTH: 1200, FIFTH: 1500, SIXTH: 1800}
 SINGLE, PAIR, NULL = "single", "pair", "null"
 EACH, PAIRS, NULLS, SPATIAL_NULLS, SPATIAL_MORE = 3, 14, 24, 14, 16
 # Effects of carriages, which legs have not.

@@ -17,9 +17,14 @@ from benchmarks.other_simulator.forms import (
     outside_first,
     outside_fourth,
     outside_second,
+    outside_sixth,
     outside_third,
     rig,
     screws,
+    sixth_drives,
+    sixth_machine,
+    sixth_readings,
+    sixth_struts,
     station,
     struts,
     third_drives,
@@ -28,8 +33,9 @@ from benchmarks.other_simulator.forms import (
 )
 from benchmarks.other_simulator.forms.form import Form
 
-FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH = "first", "second", "space", "third", "fourth", "fifth"
-ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH)
+FIRST, SECOND, SPACE, THIRD = "first", "second", "space", "third"
+FOURTH, FIFTH, SIXTH = "fourth", "fifth", "sixth"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -54,6 +60,10 @@ _OWN: dict[str, dict[str, tuple[Form, ...]]] = {
     FIFTH: {
         **fifth_struts.FORMS, **fifth_machine.FORMS, **fifth_drives.FORMS, **fifth_readings.FORMS,
         OUTSIDE: outside_fifth.FORMS,
+    },
+    SIXTH: {
+        **sixth_struts.FORMS, **sixth_machine.FORMS, **sixth_drives.FORMS, **sixth_readings.FORMS,
+        OUTSIDE: outside_sixth.FORMS,
     },
 }  # fmt: skip
 _SOURCES = {archive: (archive,) for archive in _OWN} | {SPACE: (FIRST, SECOND)}

@@ -30,4 +30,4 @@ def strongest_periods(
     information = np.sum(of_columns**2 / likelihood.power[:, None], axis=0)
     both = information[:PROBES] + information[PROBES:]
     at = np.exp(np.interp(np.log(np.maximum(raw.frequency, probes[0])), np.log(probes), np.log(both)))
-    return replace(raw, power=raw.power / at, information=1.0).strongest_periods(shortest, longest)
+    return replace(raw, power=raw.power / at).strongest_periods(shortest, longest)

@@ -13,12 +13,15 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.diagnosis.periodogram import SHORTEST_M, Periodogram
+from calibration.diagnosis.periodogram import COMMON_M, SHORTEST_M, Periodogram
 from calibration.effects.api import EffectInputs, Periods
+from calibration.effects.basis_functions import cosine_basis
 from calibration.machine.sensitivity import Sensitivity
 
 ONSETS_APART_S = 40.0
 MAX_ONSETS, MAX_FURTHER_ONSETS = 6, 2
+LEAST_CHANGING, MOST_CHANGING_PERIODS = 60.0, 3  # power of a wave that changes: by chance four sines have 45
+CHANGING_S = 900.0  # in which what motions have warmed cools again
 Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 
 
@@ -26,11 +29,23 @@ def inputs_of_recording(likelihood: MarginalLikelihood, periodograms: tuple[Peri
     """The inputs of effects on a recording's readings, with a periodogram for each drive."""
 
     @cache
+    def changing(drive: int) -> Periodogram:
+        return _periodogram_of_changing_waves(likelihood, drive)
+
+    @cache
     def periods(
         drive: int, shortest_m: float, longest_m: float, over: tuple[float, ...] = ()
     ) -> list[tuple[float, float]]:
-        along = _periodogram(likelihood, drive, over, shortest_m) if over else periodograms[drive]
-        return along.strongest_periods(shortest_m, longest_m)
+        if over:
+            return _periodogram(likelihood, drive, over, shortest_m).strongest_periods(shortest_m, longest_m)
+        lasting = periodograms[drive].strongest_periods(shortest_m, longest_m)
+        resolution = periodograms[drive].resolution
+        further = [
+            (period_m, prior)
+            for period_m, prior in changing(drive).strongest_periods(shortest_m, longest_m, least=LEAST_CHANGING)
+            if all(abs(1.0 / period_m - 1.0 / other_m) > resolution for other_m, _ in lasting)
+        ]
+        return lasting + further[:MOST_CHANGING_PERIODS]
 
     def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
         return strongest_onsets(likelihood, channels)
@@ -106,6 +121,26 @@ def _periodogram(
     score = np.sum(response * likelihood.weighted_residual, axis=1)[rows]
     information = float(np.sum(response[rows] ** 2))
     return Periodogram.from_scores(linear.context.drives[rows] @ np.asarray(over), score, information, finest_m)
+
+
+def _periodogram_of_changing_waves(likelihood: MarginalLikelihood, drive: int) -> Periodogram:
+    """Periodogram along a drive of waves whose size changes its sign, and which one of the same size would not show:
+    with time, side of the approach, or what its motions have warmed."""
+    linear = likelihood.linear
+    rows, context = np.flatnonzero(linear.visit >= 0), linear.context
+    changes = [context.direction[:, drive : drive + 1]]
+    if "t_s" not in context.not_said:
+        changes.append(cosine_basis(context.elapsed_s, 2, roughness=0.0))
+    if not {"t_s", "history"} & context.not_said.keys():
+        changes.append(cosine_basis(context.motion_heat(drive, CHANGING_S), 1))
+    by = np.column_stack(changes)[rows]
+    by = by - by.mean(axis=0)
+    response = likelihood.response(f"travel.{linear.machine.drive_names[drive]}")
+    score = np.sum(response * likelihood.weighted_residual, axis=1)[rows]
+    information = np.sum(response[rows] ** 2, axis=1)
+    return Periodogram.from_scores(
+        context.drives[rows, drive], score[:, None] * by, np.sum(information[:, None] * by**2, axis=0), COMMON_M
+    )
 
 
 def strongest_onsets(likelihood: MarginalLikelihood, channels: Sequence[str]) -> list[tuple[float, float]]:

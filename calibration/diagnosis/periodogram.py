@@ -28,7 +28,7 @@ MAX_PEAKS_PER_OCTAVE = 2  # among few positions, aliases at short periods outnum
 
 @dataclass(frozen=True)
 class Periodogram:
-    """Power over noise (f,) at frequencies (f,) in 1/m, of scores (n,) at positions (n,) with a total information.
+    """Power over noise (f,) at frequencies (f,) in 1/m, of scores at positions (n,): the sum over m of them (n, m).
 
     finest_m: shortest period for which it was computed.
     """
@@ -37,23 +37,26 @@ class Periodogram:
     power: Array
     position_m: Array
     score: Array
-    information: float
     finest_m: float = SHORTEST_M
 
     @classmethod
     def from_scores(
-        cls, position_m: Array, score: Array, information: float, finest_m: float = SHORTEST_M
+        cls, position_m: Array, score: Array, information: Array | float, finest_m: float = SHORTEST_M
     ) -> Periodogram:
-        """Power is the likelihood ratio statistic of a sine: 2 on average for pure noise."""
+        """Of scores (n, m), or (n,), with the total information of each (m,), or a single one. Power is the likelihood
+        ratio statistic of m sines at once: 2 m on average for pure noise."""
+        scores = np.atleast_2d(score.T).T / np.sqrt(np.maximum(information, 1e-300))
         span = max(float(np.ptp(position_m)), 1e-6)
         step = finest_m / CELLS_PER_PERIOD
         size = max(2 ** int(np.ceil(np.log2(OVERSAMPLING * span / step))), 2 * CELLS_PER_PERIOD)
-        grid = np.zeros((CELLS_PER_PERIOD, size // CELLS_PER_PERIOD), dtype=np.float32)  # direct sums refine peaks
         cell = np.round((position_m - position_m.min()) / step).astype(np.intp)
-        np.add.at(grid, (cell % CELLS_PER_PERIOD, cell // CELLS_PER_PERIOD), score)
-        power = _lowest_quarter(grid) * (2.0 / max(information, 1e-300))
+        power = np.zeros(1)
+        for column in scores.T:
+            grid = np.zeros((CELLS_PER_PERIOD, size // CELLS_PER_PERIOD), dtype=np.float32)  # direct sums refine peaks
+            np.add.at(grid, (cell % CELLS_PER_PERIOD, cell // CELLS_PER_PERIOD), column)
+            power = power + 2.0 * _lowest_quarter(grid)
         frequency = np.arange(len(power)) / (size * step)
-        return cls(frequency, power, position_m, score, information, finest_m)
+        return cls(frequency, power, position_m, scores, finest_m)
 
     @cached_property
     def shortest_m(self) -> float:
@@ -75,8 +78,13 @@ class Periodogram:
         """Distance in 1/m at which two frequencies can be distinguished."""
         return 1.0 / max(float(np.ptp(self.position_m)), 1e-6)
 
-    def strongest_periods(self, shortest_m: float, longest_m: float) -> list[tuple[float, float]]:
-        """Periods (m) of the highest peaks within limits, with prior probabilities (uniform in the logarithm)."""
+    def strongest_periods(
+        self, shortest_m: float, longest_m: float, *, least: float = 0.0
+    ) -> list[tuple[float, float]]:
+        """Periods (m) of the highest peaks within limits, with prior probabilities (uniform in the logarithm).
+
+        least: power that a peak has.
+        """
         lowest, highest = 1.0 / longest_m, 1.0 / max(shortest_m, self.shortest_m)
         first = max(int(np.searchsorted(self.frequency, lowest)), 1)
         last = min(int(np.searchsorted(self.frequency, highest, side="right")), len(self.power) - 1)
@@ -84,6 +92,7 @@ class Periodogram:
             return []
         p, inside = self.power, self.power[first:last]
         peaks = first + np.flatnonzero((inside >= p[first - 1 : last - 1]) & (inside > p[first + 1 : last + 1]))
+        peaks = peaks[p[peaks] >= least]
         octave = np.floor(np.log2(self.frequency[peaks])).astype(np.intp)
         of_octaves = np.split(peaks, np.flatnonzero(np.diff(octave)) + 1)
         in_octave = [_highest(p, of_one, MAX_PEAKS) for of_one in of_octaves]
@@ -108,9 +117,10 @@ class Periodogram:
 
     @cached_property
     def _score_by_position(self) -> tuple[Array, Array]:
-        """Distinct positions (d,) about their middle, and the sum of the scores at each."""
+        """Distinct positions (d,) about their middle, and the sums (m, d) of the scores at each."""
         distinct, index = np.unique(self.position_m, return_inverse=True)
-        return distinct - 0.5 * (distinct[-1] + distinct[0]), np.bincount(index, self.score).astype(np.float64)
+        sums = [np.bincount(index, column).astype(np.float64) for column in self.score.T]
+        return distinct - 0.5 * (distinct[-1] + distinct[0]), np.stack(sums)
 
     def _sum_directly(self, frequency: float) -> float:
         centred, score = self._score_by_position
@@ -120,7 +130,7 @@ class Periodogram:
             step = np.exp(2.0j * np.pi * (near[1] - near[0]) * centred)
             amplitude = np.empty(count)
             for k in range(count):
-                amplitude[k] = abs(turned.sum())
+                amplitude[k] = float(np.sum(np.abs(turned.sum(axis=1)) ** 2))
                 turned *= step
             frequency = float(near[np.argmax(amplitude)])
         return frequency

@@ -37,6 +37,7 @@ from calibration.effects.departures import (
 )
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
+SHARES_ANEW = (1.0, 4.0)  # of what is anew at each visit, over the form itself, whatever is seen of that
 NOTHING = 1e-300
 # Share of the readings at which a strength of known sign may have the opposite one, by more than a share of its RMS.
 FEW, LITTLE = 0.05, 0.3
@@ -103,8 +104,7 @@ def with_departures(
         coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
         for coordinate, functions in (a_little | wholly).items()
     }
-    visits = np.unique(inputs.context.arrival) if by_visit and effect.differs_by_visit and not general else ()
-    fluctuating = [Departure(main[0], VISIT, int(arrival)) for arrival in visits]
+    fluctuating = _departures_by_visit(inputs, effect, main) if by_visit and not general else []
     departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
@@ -116,7 +116,9 @@ def with_departures(
         each, scales = share / math.sqrt(len(groups)), list[float]()
         for group in groups:
             total = sum(seen[departure] for departure in group)
-            scales += [each * min(1.0, math.sqrt(seen_of_form / max(total, NOTHING)))] * len(group)
+            seen_share = math.sqrt(seen_of_form / max(total, NOTHING))
+            anew = kind == "by visit" and effect.anew_by_visit
+            scales += [each if anew else each * min(1.0, seen_share)] * len(group)
         return _Way(kind, prior, tuple(d for group in groups for d in group), tuple(scales))
 
     def all_and_each(kind: _Kind, prior: float, share: float, coordinates: Collection[str]) -> list[_Way]:
@@ -130,8 +132,9 @@ def with_departures(
         ways += all_and_each("a little", 2.0 / len(SMOOTH_SHARES), share, a_little)
     for share in VERDICT.dependence_shares:
         ways += all_and_each("wholly", 1.0 / len(VERDICT.dependence_shares), share, wholly)
-    for share in SHARES_BY_VISIT if fluctuating else ():
-        ways.append(way("by visit", 1.0 / len(SHARES_BY_VISIT), share, fluctuating))
+    shares_by_visit = SHARES_ANEW if effect.anew_by_visit else SHARES_BY_VISIT
+    for share in shares_by_visit if fluctuating else ():
+        ways.append(way("by visit", 1.0 / len(shares_by_visit), share, fluctuating))
     number = {departure: len(contributions) + i for i, departure in enumerate(departures)}
     own = tuple(range(len(contributions)))
     sets = [
@@ -145,10 +148,7 @@ def with_departures(
     evidence = evidence_of_basis_sets(information, sets, low, effect.size.high)
     priors = np.array([way.prior for way in ways])
     logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
-    for i, (entry, tried) in enumerate(zip(evidence, ways, strict=True)):
-        no_share = tried.kind == "by visit" and not _is_share_of_form(entry, tried.departures)
-        if no_share or (tried.kind == "wholly" and _turns(entry, tried.departures, wholly)):
-            logs[i] = -np.inf
+    logs[[not _is_possible(effect, *each, wholly) for each in zip(evidence, ways, strict=True)]] = -np.inf
     judge_courses(evidence, logs)
     likeliest = int(np.argmax(logs))
     best, departures_of_best = evidence[likeliest], ways[likeliest].departures
@@ -171,6 +171,19 @@ def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, colum
     most = min(MOST_PRODUCTS, MOST_PRODUCTS_A_VISIT * len(np.unique(inputs.context.arrival)))
     every = functions_of_change(inputs, effect, place)
     return {name: functions for name, functions in every.items() if columns * functions.shape[1] <= most}
+
+
+def _departures_by_visit(inputs: EffectInputs, effect: Effect, main: Sequence[int]) -> list[Departure]:
+    """Those of an effect that is another one at each visit, by its first main column or anew by each of them."""
+    visits = np.unique(inputs.context.arrival).tolist() if effect.differs_by_visit else []
+    return [Departure(i, VISIT, visit) for i in (main if effect.anew_by_visit else main[:1]) for visit in visits]
+
+
+def _is_possible(effect: Effect, entry: BasisSetEvidence, way: _Way, functions: Mapping[str, Array]) -> bool:
+    """Whether what was found of a way of departing is something that the effect may do."""
+    if way.kind == "by visit" and not effect.anew_by_visit:
+        return _is_share_of_form(entry, way.departures)
+    return way.kind != "wholly" or not _turns(entry, way.departures, functions)
 
 
 def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: Mapping[str, Array]) -> bool:

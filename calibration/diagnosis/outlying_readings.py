@@ -23,6 +23,7 @@ LARGEST_WRONG_SHARE = 0.025
 LARGEST_GROSS_SHARE = 0.15  # hardly anything that an effect does is so far off what any change explains
 MOST_SUSPECTS = 0.25  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
+FEWEST_OF_ONE, TIMES_OF_OTHERS = 8, 6  # wrong readings of a reflector that is itself what is wrong, and of any other
 SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
 
 
@@ -70,7 +71,7 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     by_stand = np.concatenate([of_platform, FREE_SIGMAS * of_drives], axis=2)
     leave_one_out = _LeaveOneOut(stand, by_stand, residual, both)
     sigmas = leave_one_out.judge(_parts(observed))
-    keep = np.asarray(sigmas <= _limit_of_wrong(sigmas))
+    keep = np.asarray(sigmas <= _limit_of_wrong(sigmas)) | _of_one_reflector(observed, sigmas)
     off = [(sigmas, GATE_SIGMAS), (leave_one_out.stated_sigmas(keep), GROSS_SIGMAS)]  # wrong ones widen their scale
     many = (number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_WRONG_SHARE)
     size_m = lengths_m(whiten[~keep], leave_one_out.deviations_without(keep))
@@ -83,6 +84,21 @@ def _limit_of_wrong(sigmas: Array) -> float:
     if np.mean(gross) >= LARGEST_GROSS_SHARE:
         return np.inf
     return GATE_SIGMAS if np.mean((sigmas > GATE_SIGMAS) & ~gross) < LARGEST_WRONG_SHARE else GROSS_SIGMAS
+
+
+def _of_one_reflector(observed: ObservedModel, sigmas: Array) -> NDArray[np.bool_]:
+    """Readings (n,) of a reflector of the platform that is off much more often than any other: that is one which does
+    not lie still, as gross readings come to all of them alike."""
+    out, wrong = np.zeros(len(sigmas), dtype=bool), sigmas > _limit_of_wrong(sigmas)
+    of_reflector = {
+        k: observed.on_platform & (observed.smr == k) for k in np.unique(observed.smr[observed.on_platform])
+    }
+    off = {k: int(np.sum(wrong & rows)) for k, rows in of_reflector.items()}
+    for k, count in off.items():
+        others = max((other for j, other in off.items() if j != k), default=count)
+        if count >= FEWEST_OF_ONE and count > TIMES_OF_OTHERS * others:
+            out |= of_reflector[k]
+    return out
 
 
 def giant_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> JudgedReadings | None:

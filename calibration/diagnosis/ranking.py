@@ -20,15 +20,17 @@ from calibration.diagnosis.basis_set_evidence import (
     log_sum,
 )
 from calibration.diagnosis.curve_fit import fit_curves
-from calibration.diagnosis.departure_evidence import with_departures
+from calibration.diagnosis.departure_evidence import MOST_MAIN_COLUMNS, with_departures
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.one_way import judge_courses
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import Effect, EffectInputs
+from calibration.effects.api import BasisSets, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
+OTHER_FORMS, OTHER_FORMS_SHARE = 2, 0.3  # from which departures are tried too, and of the best one's log evidence
+PERIOD_DIGITS = 2  # of a period's logarithm, within which waves are the same
 ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
 
 
@@ -195,13 +197,22 @@ def _or_alike(cause: Cause, alike: AlikeAtAllPlaces | None) -> Cause:
 @dataclass(frozen=True)
 class _PlaceEvidence:
     """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns, and what of
-    the log evidence smooth departures from the form add."""
+    the log evidence smooth departures from the form add.
+
+    others: the same for the likeliest basis sets of other forms or periods, which may be likelier once they depart.
+    """
 
     place: str
     log_evidence: float
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
     departure_gain: float = 0.0
+    others: tuple[_PlaceEvidence, ...] = ()
+
+    @classmethod
+    def of_set(cls, place: str, built: BasisSets, log_evidence: float, entry: BasisSetEvidence) -> _PlaceEvidence:
+        """Of one of the basis sets that were built there."""
+        return cls(place, log_evidence, entry, tuple(built.contributions[c] for c in entry.basis_set.columns))
 
 
 def _evidence_by_place(
@@ -221,9 +232,37 @@ def _evidence_by_place(
         weights /= max(1.0, float(weights.sum()))
         logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
         judge_courses(evidence, logs)
-        best = evidence[int(np.argmax(logs))]
-        contributions = tuple(built.contributions[c] for c in best.basis_set.columns)
-        out.append(_PlaceEvidence(name, float(log_sum(logs)) - float(np.log(len(names))), best, contributions))
+        logs -= np.log(len(names))
+        others = tuple(
+            _PlaceEvidence.of_set(name, built, float(logs[k]), evidence[k]) for k in _other_forms(effect, built, logs)
+        )
+        best = _PlaceEvidence.of_set(name, built, float(log_sum(logs)), evidence[int(np.argmax(logs))])
+        out.append(replace(best, others=others))
+    return out
+
+
+def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
+    """Numbers of the likeliest basis sets of other forms or periods than the best one's: of a form that is dominated by
+    what departs from it, the exact one explains less than some general function, or than a wave of another period. Of
+    what is anew at each visit it explains next to nothing."""
+
+    def kind(number: int) -> tuple[str, float]:
+        basis_set = built.sets[number]
+        named = {built.named[c] for c in basis_set.main}
+        form = named.pop() if len(named) == 1 else ""
+        return form, round(math.log(basis_set.parameters.get("period_m", 1.0)), PERIOD_DIGITS)
+
+    best = int(np.argmax(logs))
+    any_share, most = effect.anew_by_visit, len(logs) if effect.anew_by_visit else OTHER_FORMS
+    least = -np.inf if any_share else OTHER_FORMS_SHARE * float(logs[best])
+    seen, out = {kind(best)}, list[int]()
+    for number in np.argsort(-logs).tolist():
+        if len(out) == most or logs[number] < least:
+            break
+        few = len(built.sets[number].main) <= MOST_MAIN_COLUMNS
+        if few and kind(number)[0] and kind(number) not in seen:
+            seen.add(kind(number))
+            out.append(number)
     return out
 
 
@@ -253,14 +292,17 @@ def _refine(
         return replace(place, log_evidence=both)
 
     def refine(place: _PlaceEvidence) -> _PlaceEvidence:
-        near = with_curves(place)
         number = every.index(place.place)
-        departing = with_departures(
-            likelihood, inputs, effect, number, near.best, near.contributions, low, by_visit=by_visit
-        )
-        # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
-        log_evidence = near.log_evidence + departing.gain
-        return _PlaceEvidence(place.place, log_evidence, departing.best, departing.contributions, departing.unexpected)
+
+        def departing(near: _PlaceEvidence) -> _PlaceEvidence:
+            found = with_departures(
+                likelihood, inputs, effect, number, near.best, near.contributions, low, by_visit=by_visit
+            )
+            # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
+            log_evidence = near.log_evidence + found.gain
+            return _PlaceEvidence(place.place, log_evidence, found.best, found.contributions, found.unexpected)
+
+        return max((departing(near) for near in (with_curves(place), *place.others)), key=lambda one: one.log_evidence)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refine(place) if place.log_evidence > threshold else place for place in places]

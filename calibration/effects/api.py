@@ -47,8 +47,9 @@ __all__ = [
 
 Place = Literal["drive", "strut", "smr", "rig"]
 Coordinate = Literal[
-    "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time", "way", "temperature", "phase"
-]
+    "own travel", "other travel", "side", "approach", "payload", "rest", "speed", "time", "course", "way", "warmth",
+    "temperature", "phase",
+]  # fmt: skip
 T = TypeVar("T")
 SizeMeasure = Literal["norm", "norm of channels", "sum", "rms", "range"]
 
@@ -200,7 +201,8 @@ class Effect:
     effect. curves: families of columns that are not linear in their parameters; fitted only where the basis sets have
     evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of their RMS
     at each channel, their sum, or RMS or range over the readings of what they contribute at their channel.
-    differs_by_visit: whether what one stop leaves of it the next one may not. varies_with: coordinates on which its
+    differs_by_visit: whether what one stop leaves of it the next one may not. anew_by_visit: whether that may be
+    anything, in any direction, rather than a share of it. varies_with: coordinates on which its
     strength may depend wholly; on any other it may depend a little. functions_vary_with: coordinates with which its
     general functions may change, as the line of a guide does with the way that its cage has crept. textbook: the form
     that is never left out (`without_forms`); None for an effect that is general functions only. order: position in the
@@ -220,6 +222,7 @@ class Effect:
     curves: Callable[[EffectInputs, int], Sequence[Curve]] = lambda inputs, place: ()
     textbook: Textbook | None = None
     differs_by_visit: bool = False
+    anew_by_visit: bool = False
     varies_with: tuple[Coordinate, ...] = ()
     functions_vary_with: tuple[Coordinate, ...] = ()
     order: float = math.inf

@@ -28,6 +28,8 @@ TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
 WALK_TERMS, SLOW_TERMS = 12, 5  # of a gradient that changes in time, and with the place
 FINE_TERMS, PLUME_TERMS = 24, 8
 PLUME_WEIGHT = 0.2
+STIRRED_TERMS, STIRRED_PLACES = 48, 2  # of layers that motions stir within a minute, and that form anew at rest
+TOLD_TERMS, TOLD_WEIGHT = 48, 0.5  # of ranges whose air somebody tells the station now and then
 SIGHT_TERMS = 8  # of a smooth function of where the light passes
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
 LEAST_INDEX_CHANGE = 0.2e-6  # of the refractivity: less is within the range scale's stated uncertainty
@@ -105,6 +107,12 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
             there = cosine_basis(place, PLUME_TERMS)
             plume = sets.add((channel, angle_per_gradient * tensor_product(finely, there)))
             sets.add_set((*whole, *plume), weight=PLUME_WEIGHT)
+    at_once = any_course(t, STIRRED_TERMS)
+    for channel in TOWARDS_WARM:
+        for place in (across, height):
+            there = cosine_basis(place, STIRRED_PLACES, constant=True)
+            stirred = sets.add((channel, angle_per_gradient * tensor_product(at_once, there)))
+            sets.add_set(stirred, weight=PLUME_WEIGHT)
     _add_range_scale(sets, inputs.context)
     return sets
 
@@ -122,6 +130,8 @@ def _add_range_scale(sets: BasisSets, context: ReadingContext) -> None:
             scaled = sets.add(("light.range", PER_KELVIN * error / np.ptp(error)), form="late_air")
             sets.add_set(scaled, other, share=0.2, size=-1.0)
     sets.add_set(other)
+    told = sets.add(("light.range", PER_KELVIN * random_walk_basis(context.elapsed_s / HOUR_S, TOLD_TERMS)))
+    sets.add_set(told, weight=TOLD_WEIGHT)
 
 
 def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
@@ -143,6 +153,8 @@ def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
     for onset in np.linspace(0.0, 0.95, ONSETS) * end:
         creeping = shift(1.0 - np.exp(-np.maximum(t - onset, 0.0) / CREEP_S), "creep")
         sets.add_set(creeping, weight=0.5, onset_s=float(onset))
+    # Where it lies is calibrated, but not where it lies at each visit.
+    sets.add_set(shift(np.ones(len(context)), "loose"))
     numbers = np.unique(context.exchanges)[1:]
     if numbers.size:
         put_back = shift((context.exchanges[:, None] == numbers).astype(np.float64), "exchanges")
@@ -174,7 +186,7 @@ EFFECTS = (
         confounded=("tracker_drift",),
         forms=refraction,
         textbook=Textbook("uniform", "Rüeger, Electronic Distance Measurement: a uniform gradient along the path"),
-        varies_with=("time", "temperature"),
+        varies_with=("time", "course", "temperature"),
         order=160,
     ),
     Effect(
@@ -189,6 +201,8 @@ EFFECTS = (
         declared=lambda nuisance: nuisance.reseat_m,
         measured="range",
         textbook=Textbook("step", "Estler et al. 2002, CIRP Annals 51(2): a target that is put back"),
+        differs_by_visit=True,
+        anew_by_visit=True,
         order=170,
     ),
 )

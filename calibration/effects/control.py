@@ -16,6 +16,7 @@ FEWEST_POSITIONS = 100  # of fewer, some wave explains a sixth of anything by ch
 OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and of the one that is shifted
 WAVE_TERMS, WAVE_WEIGHT = 24, 0.2  # half waves of any function of the other, from those that turns begin with
 TOGETHER_TERMS = 6  # of any function of both axes together
+DRAGGED_WIDTHS, DRAGGED_WEIGHT = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0), 0.2  # of plays, over half the other's travel
 SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
 SHORT_LEG_M = 0.01  # below which a leg's length does not matter
 REST_TERMS = 6  # of any function of the rest
@@ -49,6 +50,8 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
         own_q = context.drives[:, drive]
         for together in (q - own_q, q + own_q):  # by how far both stand apart, or by their middle
             sets.add_set(sets.add((travel, half * cosine_basis(together, TOGETHER_TERMS))))
+        if "history" not in context.not_said:  # and comes after only once it has gone far enough
+            sets.add_set(sets.add((travel, half * _dragged_by(inputs, other))), weight=DRAGGED_WEIGHT)
         push = 0.25 * context.direction[:, other]
         pushed = sets.add((travel, push), form="by_approach")
         for speed in _speeds(inputs):
@@ -69,6 +72,22 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
                 turning, twice = (sets.add((travel, 0.25 * wave_of(along, period / k))) for k in (1.0, 2.0))
                 sets.add_set(turning, twice, share=0.5, weight=TURNS_WEIGHT * prior, period_m=period)
     return sets
+
+
+def _dragged_by(inputs: EffectInputs, other: int) -> Array:
+    """Plays (n, k) of several widths that another drive has dragged along, over half its travel (Krasnosel'skii,
+    Pokrovskii, Systems with Hysteresis): any part with memory of where it was, as a rope that sticks on its pulley."""
+    context = inputs.context
+    middle, half = inputs.travel_range_m(other)
+    place = ((context.history.drives[:, other] - middle) / half).tolist()
+    columns = []
+    for width in DRAGGED_WIDTHS:
+        follows, lies = [], place[0]
+        for now in place:
+            lies = min(max(lies, now - width), now + width)
+            follows.append(lies)
+        columns.append(np.array(follows)[context.arrival])
+    return np.column_stack(columns)
 
 
 def _coordinates_with(inputs: EffectInputs, drive: int, other: int) -> tuple[tuple[float, ...], ...]:
@@ -203,7 +222,17 @@ EFFECTS = (
         others=(EffectParameter("period_m", *TURNS_M, "m", "of what repeats with the other", aliased=True),),
         untested=_untested_with_one_drive,
         textbook=Textbook("in_proportion", "ISO 230-1: squareness and parallelism of axes"),
-        varies_with=("own travel", "other travel", "side", "payload", "speed", "time", "temperature"),
+        varies_with=(
+            "own travel",
+            "other travel",
+            "side",
+            "payload",
+            "speed",
+            "time",
+            "course",
+            "warmth",
+            "temperature",
+        ),
         functions_vary_with=("own travel", "other travel", "payload", "rest", "speed", "time", "temperature"),
         order=180,
     ),
@@ -216,7 +245,7 @@ EFFECTS = (
         forms=latency,
         untested=_untested_at_rest,
         textbook=Textbook("dead_time", "Åström, Hägglund, PID Controllers: dead time"),
-        varies_with=("speed", "time", "temperature"),
+        varies_with=("speed", "time", "course", "temperature"),
         order=190,
     ),
     Effect(
@@ -237,8 +266,10 @@ EFFECTS = (
             "payload",
             "speed",
             "time",
+            "course",
+            "warmth",
         ),
-        functions_vary_with=("side", "approach", "speed", "time"),
+        functions_vary_with=("side", "approach", "speed", "time", "warmth"),
         order=200,
     ),
 )

@@ -18,7 +18,9 @@ from calibration.effects.columns import Contributions
 
 VISIT = "visit"
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate
-ROUGHNESS = 1.5
+COURSE_TERMS = 16  # of any course in time, as after somebody has wiped, set or tightened something
+WARMTH_S = (300.0, 1500.0)  # in which what a drive's motions warm cools again: bearings and grease, a housing
+ROUGHNESS, WALK = 1.5, 1.0  # powers by which their size falls: of a smooth function, of a random walk
 SHORTEST_REST_S = 0.1
 # How many periods each wave has in one. Not one: a wave by side times itself is, in its mean, play.
 WAVES = (1.0 / 3.0, 0.5, *(float(k) for k in range(2, 12)))
@@ -73,17 +75,22 @@ def functions_of_strength(inputs: EffectInputs, effect: Effect, place: int) -> l
     A twin's further readings must not add columns or change those of the campaign.
     """
     return [
-        x[:, None] if kind == "side" else cosine_basis(x, terms, roughness=ROUGHNESS)
+        x[:, None] if kind == "side" else _functions_of(kind, x, terms)
         for kind, _, x, terms in _coordinates(inputs, effect, place, effect.varies_with)
     ]
 
 
 def _functions(inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]) -> dict[str, Array]:
     return {
-        name: cosine_basis(x, terms, roughness=ROUGHNESS)
-        for _, name, x, terms in _coordinates(inputs, effect, place, kinds)
+        name: _functions_of(kind, x, terms)
+        for kind, name, x, terms in _coordinates(inputs, effect, place, kinds)
         if np.ptp(x) > 0.0
     }
+
+
+def _functions_of(kind: Coordinate, x: Array, terms: int) -> Array:
+    """Functions (n, k) of a coordinate of total RMS one: smooth ones, or as a walk that may jump."""
+    return cosine_basis(x, terms, roughness=WALK if kind == "course" else ROUGHNESS)
 
 
 def _coordinates(
@@ -101,7 +108,7 @@ def _coordinates(
     for d, name in enumerate(machine.drive_names):
         kind: Coordinate = "own travel" if d in own else "other travel"
         out.append((kind, f"travel.{name}", context.drives[:, d], OWN_TERMS if d in own else OTHER_TERMS))
-    moved = "history" not in context.not_said
+    moved, timed = "history" not in context.not_said, "t_s" not in context.not_said
     if moved and "approach" in kinds:
         leg_m = context.drives - context.previous_drives
     for d in own:
@@ -113,13 +120,17 @@ def _coordinates(
             out.append(("approach", f"turned.{name}", turned.astype(np.float64), 1))
         if moved and "way" in kinds:
             out.append(("way", f"way.{name}", context.way_m(d), TIME_TERMS))
+        if moved and timed and "warmth" in kinds:
+            for tau_s in WARMTH_S:
+                out.append(("warmth", f"warmth.{name}.{tau_s:.0f}s", context.motion_heat(d, tau_s), OTHER_TERMS))
     out += [
         ("payload", "payload", context.payload_kg, 1),
         ("rest", "rest", np.log(np.maximum(context.dwell_s, SHORTEST_REST_S)), OTHER_TERMS),
         ("speed", "speed", context.speed_m_per_s, 1),
     ]
-    if "t_s" not in context.not_said:
+    if timed:
         out.append(("time", "time", context.elapsed_s, TIME_TERMS))
+        out.append(("course", "course", context.elapsed_s, COURSE_TERMS))
     if "temperature" in kinds and context.temperatures_c:
         out.append(("temperature", "temperature", context.mean_temperature_c(), OTHER_TERMS))
     return [entry for entry in out if entry[0] in kinds]

@@ -118,7 +118,8 @@ def _untested_with_short_travel(inputs: EffectInputs) -> str | None:
 
 
 WAVE_VARIES_WITH: tuple[Coordinate, ...] = (
-    "own travel", "other travel", "side", "payload", "speed", "time", "way", "temperature", "phase",
+    "own travel", "other travel", "side", "payload", "speed", "time", "course", "way", "warmth", "temperature",
+    "phase",
 )  # fmt: skip
 _PERIOD = EffectParameter("period_m", PITCH_M[0], TRANSMISSION_M[1], "m", "period of the error", aliased=True)
 

@@ -37,7 +37,7 @@ BENT_TERMS, COURSE_TERMS, BENT_WEIGHT = 6, 8, 0.3  # of a guide whose form chang
 
 
 CHANGES_WITH: tuple[Coordinate, ...] = (
-    "other travel", "side", "payload", "rest", "speed", "time", "way", "temperature",
+    "other travel", "side", "payload", "rest", "speed", "time", "course", "way", "temperature",
 )  # fmt: skip
 
 

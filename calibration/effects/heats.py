@@ -42,7 +42,8 @@ def _followed_heats(inputs: EffectInputs, drive: int) -> list[tuple[Array, float
 
 def heats_of_motion(inputs: EffectInputs, drive: int, *, shortest_s: float = 0.0) -> list[tuple[Array, float]]:
     """Heat (n,) that a drive's motions have left, with time constants: by the way (Coulomb's friction), by way and
-    speed (viscous friction), and by the number of motions (losses of starting and stopping). Each is one for typical
+    speed (viscous friction), by way and square of the speed (churned oil), and by the number of motions (losses of
+    starting and stopping). Each is one for typical
     motions all the time. shortest_s: of the time constants of a part.
     """
     heats = inputs.once(("heats of motion", drive), lambda: _heats_left(inputs, drive))
@@ -57,6 +58,7 @@ def _heats_left(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
     rates = (
         way_m / DUTY_M_PER_S,
         way_m * context.approach_speed_m_per_s / (DUTY_M_PER_S * SPEED_M_PER_S),
+        way_m * context.approach_speed_m_per_s**2 / (DUTY_M_PER_S * SPEED_M_PER_S**2),
         np.where(way_m > 0.0, BETWEEN_MOTIONS_S, 0.0),
     )
     return [(context.left_by_motions(rate, tau) / tau, tau) for rate in rates for tau in MOTION_TIMES_S]

@@ -23,6 +23,8 @@ REST_TERMS = 4  # of any function of the rest
 LOAD_TERMS, ANY_LOAD_WEIGHT = 3, 0.3  # of any function of the load; what grows with it is wind-up rather than play
 FLANK_WEIGHT = 0.05  # of a load that says on which flank it lies, as under a counterweight
 LENGTH_TERMS = 3  # of any function of the length that is wound up
+WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
+WARMTH_S = (300.0, 1500.0)  # in which what motions warm cools again
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 PRESSED_SHARES = (0.25, 0.5, 0.75)  # of the play, taken away by the largest payload
@@ -121,12 +123,35 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(
             (*constant, *sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * firmer))), weight=PAUSE_WEIGHT
         )
+    _add_friction_of_grease(sets, inputs, drive)
     low, high = inputs.machine.travel[drive]
     length = (context.drives[:, drive] - low) / (high - low)
     for form, wound in levers:
         for lever in (length, 1.0 - length):
             sets.add_set(sets.add((travel, -wound * lever), form=f"{form}_by_length"), faster, share=0.3)
     return sets
+
+
+def _add_friction_of_grease(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
+    """Grease is stiff in the cold, and its drive's motions warm it: friction by any function of either, or of both."""
+    functions = [cosine_basis(course, WARMTH_TERMS) for course in _warmths(inputs, drive)]
+    if not functions:
+        return
+    travel = f"travel.{inputs.drive(drive)}"
+    wound = -FRICTION_SHARE * RATED_N * inputs.context.direction[:, drive]
+    constant = sets.add((travel, wound))
+    for by_warmth in (*functions, np.concatenate(functions, axis=1)):
+        thinner = sets.add((travel, wound[:, None] * by_warmth))
+        sets.add_set((*constant, *thinner), weight=WARMTH_WEIGHT)
+
+
+def _warmths(inputs: EffectInputs, drive: int) -> list[Array]:
+    """Courses (n,) that a drive's grease may follow: the recorded temperatures' mean, and what its motions warm."""
+    context = inputs.context
+    temperature = [context.mean_temperature_c()] if context.temperatures_c else []
+    if {"t_s", "history"} & context.not_said.keys():
+        return temperature
+    return temperature + [context.motion_heat(drive, tau_s) for tau_s in WARMTH_S]
 
 
 def _from_no_force(curves: Array, force_n: Array) -> Array:
@@ -166,7 +191,8 @@ def _untested_without_force(inputs: EffectInputs) -> str | None:
 
 
 VARIES_WITH: tuple[Coordinate, ...] = (
-    "own travel", "other travel", "approach", "payload", "rest", "speed", "time", "way", "temperature",
+    "own travel", "other travel", "approach", "payload", "rest", "speed", "time", "course", "way",
+    "warmth", "temperature",
 )  # fmt: skip
 
 EFFECTS = (

@@ -10,6 +10,7 @@ from calibration.effects.basis_functions import scale_to_unit
 
 LEAST_OWN = 0.05  # of the largest restraint of a strut by the others
 ONSETS, SOFTENING_WEIGHT = 12, 0.5  # of a softness that sets in, against one that is there from the start
+OVERLOADS = (0.6, 0.85)  # shares of the visits whose force does no harm
 
 
 def add_softening(sets: BasisSets, inputs: EffectInputs, strut: int, strain_m: Array) -> None:
@@ -26,6 +27,8 @@ def add_softening(sets: BasisSets, inputs: EffectInputs, strut: int, strain_m: A
     courses.append((scale_to_unit(elapsed_s), 1.0))
     if drive >= 0 and "history" not in inputs.context.not_said:
         courses.append((scale_to_unit(inputs.context.way_m(drive)), 1.0))
+        for least in OVERLOADS:
+            courses.append((_worn_by_overload(inputs, strain_m, least), 1.0 / len(OVERLOADS)))
     for course, weight in courses:
         softer, all_lost = (sets.add((name, course * strain)) for strain in (strain_m, carrying_nothing))
         misfits = sets.add((name, course[:, None] * by_misfit))
@@ -33,3 +36,11 @@ def add_softening(sets: BasisSets, inputs: EffectInputs, strut: int, strain_m: A
         faster = sets.add((name, (course**2 - course)[:, None] * np.column_stack([strain_m, by_misfit])))
         flexible = (*all_lost, *misfits, *loaded, *faster)
         sets.add_set(softer, flexible, share=0.7, weight=SOFTENING_WEIGHT * weight)
+
+
+def _worn_by_overload(inputs: EffectInputs, strain_m: Array, least: float) -> Array:
+    """By how much (n,) a strut has been loaded so far beyond what most visits ask of it; ends at one."""
+    of_visit = np.zeros(len(inputs.context.history.arrived_s))
+    of_visit[inputs.context.arrival] = np.abs(strain_m)
+    beyond = np.maximum(of_visit - np.quantile(of_visit, least), 0.0)
+    return scale_to_unit(np.cumsum(beyond)[inputs.context.arrival])

@@ -11,7 +11,16 @@ from collections.abc import Callable
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Curve, Effect, EffectInputs, EffectParameter, Textbook, varies
+from calibration.effects.api import (
+    BasisSets,
+    Coordinate,
+    Curve,
+    Effect,
+    EffectInputs,
+    EffectParameter,
+    Textbook,
+    varies,
+)
 from calibration.effects.basis_functions import cosine_basis, tensor_product
 from calibration.effects.softening import add_softening
 from calibration.effects.strut_laws import (
@@ -40,6 +49,7 @@ LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
 CREEP_TIMES_S = (400.0, 1600.0)
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a softness that is another one at any time
 PASSED_WEIGHT = 0.05  # of a force on another column that bends this one
+HUNG_WEIGHT = 0.2  # of a weight that hangs before its column and bends it
 LATE_TIMES_S, LATE_WEIGHT = (100.0, 300.0, 900.0), 0.2  # in which a bushing follows its force
 RESTS_S, REST_WEIGHT = (3.0, 12.0, 48.0), 0.3  # in which a pin sinks through its oil
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
@@ -62,6 +72,7 @@ def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
         if varies(load, LEAST_LOAD_CHANGE)
     ]
     _add_passed_on(sets, inputs, drive)
+    _add_hung_before(sets, inputs, drive)
     for channel, force in directions:
         size = max(float(np.std(force)), 1.0)
         mean = force.mean()
@@ -101,6 +112,15 @@ def _add_passed_on(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
             sets.add_set(sets.add((side, sign * passed * h[:, None]), (turn, passed)), weight=PASSED_WEIGHT)
 
 
+def _add_hung_before(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
+    """What pulls along the axis hangs before the column and bends it, the more the higher the carriage stands."""
+    h, pull = inputs.height_m(drive), inputs.pull_along_n(drive)
+    for side, turn, sign in inputs.leaning(drive):
+        moment = sets.add((side, 0.5 * sign * pull * h**2), (turn, pull * h), form="hung_before")
+        elsewhere = sets.add((side, sign * pull * h), (turn, pull))  # bent from another height on
+        sets.add_set(moment, elsewhere, share=0.5, weight=HUNG_WEIGHT)
+
+
 def _creeping_loads(inputs: EffectInputs) -> list[Array]:
     """The payload (n,) over the largest one as a part feels it that creeps (Findley, Lai, Onaran, Creep and Relaxation
     of Nonlinear Viscoelastic Materials: Kelvin's element), with several time constants."""
@@ -128,6 +148,10 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     anywhere = sets.add((name, t[:, None] * cosine_basis(by_place, PLACE_TERMS)))
     stretched = sets.add((name, size * cosine_basis(t, TENSION_TERMS)))
     anyhow_loaded = sets.add((name, t[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
+    inclined = np.stack(
+        [u, u**2 - 0.4, *(inputs.normalised_travel(other) for other in inputs.other_drives(drive))], axis=1
+    )
+    sagging = sets.add((name, size * tensor_product(cosine_basis(t, TENSION_TERMS), inclined)))
     sets.add_set(main, sign=1.0)
     if varies(inputs.payload_ratio, LEAST_LOAD_CHANGE):
         sets.add_set(main, anyhow_loaded, share=0.6, sign=1.0)
@@ -142,6 +166,9 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     sets.add_set(one_sided)
     sets.add_set((*main, *anywhere), (*angle_alone, *anyhow_loaded, *coupled), share=0.7, sign=1.0)
     sets.add_set(main, (*stretched, *anyhow_loaded), share=0.7, sign=1.0)
+    sets.add_set(
+        (*main, *stretched), (*sagging, *angle_alone), share=0.7, weight=UNEVEN_WEIGHT
+    )  # slack, by its own weight
     sets.add_set((*main, *bent), loaded, share=0.7, sign=1.0)
     sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5, sign=1.0)
     if "t_s" not in inputs.context.not_said:  # bolts work loose, joints bed in
@@ -297,6 +324,13 @@ def _untested_with_one_payload(inputs: EffectInputs) -> str | None:
     return "every pose was measured with the same payload, and forces hardly vary; measure two"
 
 
+SOFTNESS_VARIES_WITH: tuple[Coordinate, ...] = (
+    "own travel", "other travel", "side", "payload", "rest", "speed", "time", "course", "temperature",
+)  # fmt: skip
+PLAY_VARIES_WITH: tuple[Coordinate, ...] = (
+    "own travel", "other travel", "payload", "rest", "speed", "time", "course", "way", "temperature",
+)  # fmt: skip
+
 EFFECTS = (
     Effect(
         name="column_compliance",
@@ -309,7 +343,7 @@ EFFECTS = (
         forms=compliance,
         untested=_untested_with_one_payload,
         textbook=Textbook("force", "Timoshenko, Strength of Materials: Hooke's law"),
-        varies_with=("own travel", "other travel", "side", "payload", "rest", "speed", "time", "temperature"),
+        varies_with=SOFTNESS_VARIES_WITH,
         order=60,
     ),
     Effect(
@@ -322,7 +356,7 @@ EFFECTS = (
         untested=_untested_with_one_payload,
         curves=link_stiffness_curves,
         textbook=Textbook("tension", "Timoshenko, Strength of Materials: Hooke's law, springs in series"),
-        varies_with=("own travel", "other travel", "side", "payload", "rest", "speed", "time", "temperature"),
+        varies_with=SOFTNESS_VARIES_WITH,
         order=70,
     ),
     Effect(
@@ -336,7 +370,7 @@ EFFECTS = (
         textbook=Textbook(
             "sides_by_tension", "Flores et al., Kinematics and Dynamics of Multibody Systems with Imperfect Joints"
         ),
-        varies_with=("own travel", "other travel", "payload", "rest", "speed", "time", "way", "temperature"),
+        varies_with=PLAY_VARIES_WITH,
         order=80,
     ),
 )

@@ -31,6 +31,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
     _add_tables_by_direction(sets, inputs)
     _add_multiplied_tables(sets, inputs)
     _add_tables_beside_their_places(sets, inputs)
+    _add_tables_of_other_drives(sets, inputs)
     if "t_s" in context.not_said:  # who knows when: nothing depends on time then
         return sets
     for generation in context.table_generations:
@@ -85,6 +86,19 @@ def _add_tables_beside_their_places(sets: BasisSets, inputs: EffectInputs) -> No
         ]
         if parts:
             sets.add_set(parts, weight=WALK_WEIGHT)
+
+
+def _add_tables_of_other_drives(sets: BasisSets, inputs: EffectInputs) -> None:
+    """Each table is at another drive, as after drives were counted from another one, or from the other end."""
+    context, drives = inputs.context, inputs.machine.drive_names
+    counted_otherwise = {*(drives[k:] + drives[:k] for k in range(1, len(drives))), drives[::-1]} - {drives}
+    for generation in context.table_generations:
+        for named in sorted(counted_otherwise):
+            corrections = context.table_corrections_m(generation, named, context.drives)
+            parts = [(f"travel.{name}", c) for name, c in zip(drives, corrections.T, strict=True) if np.any(c)]
+            if parts:
+                weight = ONE_DRIVE_WEIGHT / len(counted_otherwise)
+                sets.add_set(sets.add(*parts, form="at_another_drive"), weight=weight)
 
 
 def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:

@@ -242,3 +242,15 @@ def test_no_wave_of_any_form_is_play():
     )
     left = play - columns @ np.linalg.lstsq(columns, play, rcond=None)[0]
     assert np.sum(left**2) > 0.3 * np.sum(play**2)
+
+
+def test_what_is_anew_at_each_visit_need_be_no_share_of_its_form(small, likelihood):
+    """Scattering about zero, and far more than what is seen of the form in its mean."""
+    effect = replace(with_forms_at(0), differs_by_visit=True, anew_by_visit=True)
+    arrival = small.context.arrival
+    anew = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
+    _, found = planted_with(small, likelihood, effect, anew, by_visit=True)
+    assert {departure.coordinate for departure in found.best.basis_set.departures} == {"visit"}
+    assert found.gain > 100.0
+    _, only_once = planted_with(small, likelihood, effect, np.ones(len(arrival)), by_visit=True)
+    assert "visit" not in {departure.coordinate for departure in only_once.best.basis_set.departures}

@@ -78,3 +78,24 @@ def test_a_reflector_that_is_often_far_off_is_no_wrong_reading():
     columns = dict(recording.columns) | {f"{axis}_m": position[:, k] for k, axis in enumerate("xyz")}
     wrong = linearise_recording(replace(recording, columns=columns)).wrong
     assert not set(of_it.tolist()) & set(wrong.tolist())
+
+
+@pytest.mark.parametrize(("times", "others_off", "kept"), [(8, 0, True), (7, 0, False), (8, 2, False), (13, 2, True)])
+def test_a_reflector_that_alone_is_off_at_some_visits_does_not_lie_still(times, others_off, kept):
+    """Gross readings come to all alike: one reflector's are an effect of it if they are many, and far more than any
+    other one's."""
+    recording = simulated("planar4", 160, slipped)
+    smr, on = np.asarray(recording["smr"], dtype=str), {s.name: s.on for s in recording.machine.smrs}
+    one, other = sorted({name for name in smr.tolist() if on[name] == "platform"})[:2]
+    rng = np.random.default_rng(4)
+    of_one, of_other = (
+        rng.choice(np.flatnonzero(smr == name), count, replace=False)
+        for name, count in ((one, times), (other, others_off))
+    )
+    position = recording.positions_m.copy()
+    for row in (*of_one, *of_other):
+        away = rng.standard_normal(3) * [1.0, 0.0, 1.0]
+        position[row] += 4.0e-4 * away / np.linalg.norm(away)
+    columns = dict(recording.columns) | {f"{axis}_m": position[:, k] for k, axis in enumerate("xyz")}
+    wrong = set(linearise_recording(replace(recording, columns=columns)).wrong.tolist())
+    assert wrong == set(of_other.tolist()) | (set() if kept else set(of_one.tolist()))

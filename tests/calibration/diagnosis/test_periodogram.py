@@ -79,3 +79,19 @@ def test_peaks_lie_within_limits_and_priors_add_up_to_one_at_most():
 def test_a_drive_that_stands_still_has_no_period(q):
     periodogram = Periodogram.from_scores(q, np.ones(len(q)), float(len(q)))
     assert periodogram.strongest_periods(4e-3, 4e-2) == []
+
+
+def test_waves_whose_size_changes_its_sign_are_found_by_what_changes_them():
+    """In noise of twice their size no constant wave shows them; several changes add up to one power."""
+    rng = np.random.default_rng(9)
+    q, t = rng.uniform(0.4, 1.3, 400), np.linspace(-1.0, 1.0, 400)
+    by = np.column_stack([t, rng.choice([-1.0, 1.0], 400)])
+    wave = np.sin(2.0 * np.pi * q / 4.3e-4 + 0.4) * (t + 0.5 * by[:, 1])
+    y = wave + 1.3 * rng.standard_normal(400)
+    changing = Periodogram.from_scores(q, y[:, None] * by, np.sum(by**2, axis=0), 1e-5)
+    (period_m, _), *_ = changing.strongest_periods(1e-5, 6e-3, least=60.0)
+    assert period_m == pytest.approx(4.3e-4, rel=1e-3)
+    constant = Periodogram.from_scores(q, y, 400.0, 1e-5)
+    assert constant.strongest_periods(1e-5, 6e-3, least=60.0) == []
+    each = [Periodogram.from_scores(q, y * change, float(np.sum(change**2)), 1e-5).power for change in by.T]
+    np.testing.assert_allclose(changing.power, np.sum(each, axis=0), rtol=1e-4, atol=1e-3)

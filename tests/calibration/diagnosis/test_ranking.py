@@ -99,3 +99,48 @@ def test_each_place_of_a_cause_keeps_what_its_departures_add():
         for name, gain in (("left", 9.0), ("right", 4.0))
     )
     assert [part.departure_gain for part in replace(first, further=(second,)).parts] == [9.0, 4.0]
+
+
+def sets_of(*entries) -> SimpleNamespace:
+    """Basis sets by the form of their columns, how many these are, and the period."""
+    named = [form for form, count, _ in entries for _ in range(count)]
+    firsts = np.cumsum([0, *(count for _, count, _ in entries)])
+    sets = [
+        BasisSet(tuple(range(first, first + count)), (1.0,) * count, {"period_m": period_m} if period_m else {})
+        for first, (_, count, period_m) in zip(firsts.tolist(), entries, strict=False)
+    ]
+    return SimpleNamespace(named=named, sets=sets)
+
+
+@pytest.mark.parametrize(
+    ("logs", "others"),
+    [
+        ([100.0, 90.0, 60.0, 50.0, 40.0], [2, 3]),  # 1 has the period of the best, 4 would be one too many
+        ([100.0, 90.0, 60.0, 29.0, 20.0], [2]),  # less than a share of the best
+        ([50.0, 40.0, 30.0, 20.0, 100.0], [0, 2]),  # beside a general function
+        ([100.0, -np.inf, -np.inf, -np.inf, -np.inf], []),
+    ],
+)
+def test_departures_begin_from_the_likeliest_other_forms_and_periods(logs, others):
+    built = sets_of(("sine", 2, 1.0e-3), ("sine", 2, 1.001e-3), ("sine", 2, 2.0e-3), ("sine", 2, 3.0e-3), ("", 14, 0.0))
+    effect = CATALOGUE.effect("encoder_interpolation")
+    assert ranking._other_forms(effect, built, np.array(logs)) == others
+
+
+def test_departures_of_what_is_anew_at_each_visit_begin_from_each_of_its_forms():
+    built = sets_of(("", 48, 0.0), ("step", 3, 0.0), ("step", 3, 0.0), ("loose", 3, 0.0), ("exchanges", 9, 0.0))
+    effect = CATALOGUE.effect("smr_reseat")
+    assert ranking._other_forms(effect, built, np.array([100.0, 5.0, 4.0, -3.0, 50.0])) == [1, 3]
+
+
+@pytest.mark.parametrize(("gain_of_other", "log_evidence"), [(20.0, 101.0), (70.0, 130.0)])
+def test_the_form_that_explains_most_once_it_departs_is_taken(monkeypatch, gain_of_other, log_evidence):
+    gains = {100.0: 1.0, 60.0: gain_of_other}
+    other = place("left", 60.0)
+    first = replace(place("left", 100.0), others=(other,))
+    entries = {id(first.best): 100.0, id(other.best): 60.0}
+    monkeypatch.setattr(ranking, "with_departures", lambda *of, by_visit: departing(gains[entries[id(of[4])]]))
+    (refined,) = ranking._refine(
+        LIKELIHOOD, INPUTS, CATALOGUE.effect("backlash"), [first], by_visit=False, curves=False
+    )
+    assert refined.log_evidence == pytest.approx(log_evidence)

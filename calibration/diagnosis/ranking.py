@@ -29,7 +29,7 @@ from calibration.effects.api import BasisSets, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
-OTHER_FORMS, OTHER_FORMS_SHARE = 2, 0.3  # from which departures are tried too, and of the best one's log evidence
+OTHER_FORMS, OTHER_FORMS_SHARE = 1, 0.3  # from how many departures are tried too; of the best one's log evidence
 PERIOD_DIGITS = 2  # of a period's logarithm, within which waves are the same
 ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
 
@@ -244,7 +244,7 @@ def _evidence_by_place(
 def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
     """Numbers of the likeliest basis sets of other forms or periods than the best one's: of a form that is dominated by
     what departs from it, the exact one explains less than some general function, or than a wave of another period. Of
-    what is anew at each visit it explains next to nothing."""
+    an effect that is anew at each visit, the form that may be so, which by itself explains next to nothing."""
 
     def kind(number: int) -> tuple[str, float]:
         basis_set = built.sets[number]
@@ -253,11 +253,11 @@ def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
         return form, round(math.log(basis_set.parameters.get("period_m", 1.0)), PERIOD_DIGITS)
 
     best = int(np.argmax(logs))
-    any_share, most = effect.anew_by_visit, len(logs) if effect.anew_by_visit else OTHER_FORMS
-    least = -np.inf if any_share else OTHER_FORMS_SHARE * float(logs[best])
+    if effect.anew_by_visit:
+        return [k for k in range(len(logs)) if k != best and kind(k)[0] == effect.anew_by_visit]
     seen, out = {kind(best)}, list[int]()
     for number in np.argsort(-logs).tolist():
-        if len(out) == most or logs[number] < least:
+        if len(out) == OTHER_FORMS or logs[number] < OTHER_FORMS_SHARE * logs[best]:
             break
         few = len(built.sets[number].main) <= MOST_MAIN_COLUMNS
         if few and kind(number)[0] and kind(number) not in seen:

@@ -80,7 +80,10 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < alone[0].log_evidence:
         return found
     others = [cause for cause in alone if not cause.effect.differs_by_visit]
-    by_visit = _search(likelihood, inputs, effects, first_likely([*ranked, *others]), by_visit=True)
+    # Of what is the same at each visit it begins with the main cause only: with the others the search has begun.
+    leaders = {cause.effect.name for cause in (*ranked, *found.causes[:1])}
+    ranking = first_likely([*ranked, *others])
+    by_visit = _search(likelihood, inputs, effects, ranking, by_visit=True, leaders=leaders)
     return by_visit if by_visit.log_evidence > found.log_evidence else found
 
 
@@ -146,8 +149,9 @@ def _search(
     ranking: Sequence[Cause],
     *,
     by_visit: bool,
+    leaders: Collection[str] | None = None,
 ) -> SearchResult:
-    """The same from the ranking of all effects, each alone.
+    """The same from the ranking of all effects, each alone; leaders: those with which it may begin, None for any.
 
     Two effects may together look most like a third, so that the strongest alone need not be one of those that explain
     most together. Where one cause is not enough, or leaves so much that `unknown` comes into question, the search also
@@ -159,6 +163,8 @@ def _search(
         later = {cause.effect.name for cause in found.causes[1:]}
         for place, leader in enumerate(ranking[1:], 2):
             if leader.log_evidence <= VERDICT.leaders_share * found.log_evidence:
+                continue
+            if leaders is not None and leader.effect.name not in leaders:
                 continue
             if place > VERDICT.leaders and leader.effect.name not in later:
                 not_begun_with.append(leader.effect.name)

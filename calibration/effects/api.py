@@ -201,12 +201,13 @@ class Effect:
     effect. curves: families of columns that are not linear in their parameters; fitted only where the basis sets have
     evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of their RMS
     at each channel, their sum, or RMS or range over the readings of what they contribute at their channel.
-    differs_by_visit: whether what one stop leaves of it the next one may not. anew_by_visit: whether that may be
-    anything, in any direction, rather than a share of it. varies_with: coordinates on which its
-    strength may depend wholly; on any other it may depend a little. functions_vary_with: coordinates with which its
-    general functions may change, as the line of a guide does with the way that its cage has crept. textbook: the form
-    that is never left out (`without_forms`); None for an effect that is general functions only. order: position in the
-    shipped catalogue and in its lists; a user's effect comes after all shipped ones.
+    differs_by_visit: whether what one stop leaves of it the next one may not. anew_by_visit: name of the form of which
+    each visit may leave anything, in the direction of each of its columns, rather than a share; empty if none.
+    varies_with: coordinates on which its strength may depend wholly; on any other it may depend a little.
+    functions_vary_with: coordinates with which its general functions may change, as the line of a guide does with
+    the way that its cage has crept. textbook: the form that is never left out (`without_forms`); None for an effect
+    that is general functions only. order: position in the shipped catalogue and in its lists; a user's effect comes
+    after all shipped ones.
     """
 
     name: str
@@ -222,7 +223,7 @@ class Effect:
     curves: Callable[[EffectInputs, int], Sequence[Curve]] = lambda inputs, place: ()
     textbook: Textbook | None = None
     differs_by_visit: bool = False
-    anew_by_visit: bool = False
+    anew_by_visit: str = ""
     varies_with: tuple[Coordinate, ...] = ()
     functions_vary_with: tuple[Coordinate, ...] = ()
     order: float = math.inf

@@ -81,11 +81,15 @@ def functions_of_strength(inputs: EffectInputs, effect: Effect, place: int) -> l
 
 
 def _functions(inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]) -> dict[str, Array]:
-    return {
-        name: _functions_of(kind, x, terms)
-        for kind, name, x, terms in _coordinates(inputs, effect, place, kinds)
-        if np.ptp(x) > 0.0
-    }
+    def build() -> dict[str, Array]:
+        return {
+            name: _functions_of(kind, x, terms)
+            for kind, name, x, terms in _coordinates(inputs, effect, place, kinds)
+            if np.ptp(x) > 0.0
+        }
+
+    # A copy: whoever asks may add to it.
+    return dict(inputs.once(("functions of coordinates", effect.place, place, tuple(kinds)), build))
 
 
 def _functions_of(kind: Coordinate, x: Array, terms: int) -> Array:

@@ -202,7 +202,7 @@ EFFECTS = (
         measured="range",
         textbook=Textbook("step", "Estler et al. 2002, CIRP Annals 51(2): a target that is put back"),
         differs_by_visit=True,
-        anew_by_visit=True,
+        anew_by_visit="loose",
         order=170,
     ),
 )

@@ -246,7 +246,7 @@ def test_no_wave_of_any_form_is_play():
 
 def test_what_is_anew_at_each_visit_need_be_no_share_of_its_form(small, likelihood):
     """Scattering about zero, and far more than what is seen of the form in its mean."""
-    effect = replace(with_forms_at(0), differs_by_visit=True, anew_by_visit=True)
+    effect = replace(with_forms_at(0), differs_by_visit=True, anew_by_visit="loose")
     arrival = small.context.arrival
     anew = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
     _, found = planted_with(small, likelihood, effect, anew, by_visit=True)

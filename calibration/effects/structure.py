@@ -148,10 +148,6 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     anywhere = sets.add((name, t[:, None] * cosine_basis(by_place, PLACE_TERMS)))
     stretched = sets.add((name, size * cosine_basis(t, TENSION_TERMS)))
     anyhow_loaded = sets.add((name, t[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
-    inclined = np.stack(
-        [u, u**2 - 0.4, *(inputs.normalised_travel(other) for other in inputs.other_drives(drive))], axis=1
-    )
-    sagging = sets.add((name, size * tensor_product(cosine_basis(t, TENSION_TERMS), inclined)))
     sets.add_set(main, sign=1.0)
     if varies(inputs.payload_ratio, LEAST_LOAD_CHANGE):
         sets.add_set(main, anyhow_loaded, share=0.6, sign=1.0)
@@ -166,9 +162,6 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     sets.add_set(one_sided)
     sets.add_set((*main, *anywhere), (*angle_alone, *anyhow_loaded, *coupled), share=0.7, sign=1.0)
     sets.add_set(main, (*stretched, *anyhow_loaded), share=0.7, sign=1.0)
-    sets.add_set(
-        (*main, *stretched), (*sagging, *angle_alone), share=0.7, weight=UNEVEN_WEIGHT
-    )  # slack, by its own weight
     sets.add_set((*main, *bent), loaded, share=0.7, sign=1.0)
     sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5, sign=1.0)
     if "t_s" not in inputs.context.not_said:  # bolts work loose, joints bed in
@@ -325,7 +318,7 @@ def _untested_with_one_payload(inputs: EffectInputs) -> str | None:
 
 
 SOFTNESS_VARIES_WITH: tuple[Coordinate, ...] = (
-    "own travel", "other travel", "side", "payload", "rest", "speed", "time", "course", "temperature",
+    "own travel", "other travel", "side", "payload", "rest", "speed", "time", "temperature",
 )  # fmt: skip
 PLAY_VARIES_WITH: tuple[Coordinate, ...] = (
     "own travel", "other travel", "payload", "rest", "speed", "time", "course", "way", "temperature",

@@ -156,5 +156,5 @@ def test_the_strongest_peaks_of_each_octave_are_tried_however_many_aliases_outdo
     power[20_000 : 20_000 + 40 * MAX_PEAKS : 20] = 50.0  # at periods below 50 um
     power[399] = 30.0  # at 2.5 mm
     position_m = np.linspace(0.0, 1.0, 50)
-    found = Periodogram(frequency, power, position_m, np.zeros(50), 1.0).strongest_periods(1e-5, 4e-3)
+    found = Periodogram(frequency, power, position_m, np.zeros((50, 1))).strongest_periods(1e-5, 4e-3)
     assert any(abs(1.0 / period_m - 400.0) < 1.0 for period_m, _ in found)

@@ -25,6 +25,7 @@ from mock_devices.effects import (
     outside_counters,
     outside_final,
     outside_further,
+    outside_magnets_ways,
     outside_memories,
     outside_motions,
     outside_parts,
@@ -72,6 +73,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_contacts,
         outside_memories,
         outside_counters,
+        outside_magnets_ways,
         outside_final,
         ordinary_disturbances,
     )

@@ -36,6 +36,7 @@ OUTSIDE = (
     "stuck_bits", "maxwell_strap", "flipping_fork", "chance_of_balls",
     "lost_fringes", "tacky_film", "stepping_collar", "every_other_stop",
     "switched_gain", "rung_by_other", "rounded_ways",
+    "catching_hook", "stay_cable", "scheduled_gain",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -60,6 +61,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "curie_kink",
         "stressed_alloy",
         "graded_screw",
+        "strained_by_rate",
     ),
     "link_stiffness": (
         "softer",
@@ -70,6 +72,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "seated_taper",
         "fractional_rubber",
         "snapped_truss",
+        "closed_spring",
     ),
     "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,

@@ -5,161 +5,150 @@ Their plain variant, which is what the description says, is the one of final sco
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StatefulEffect, StationSight
+from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StationSight
+from mock_devices.effects.followers import Flipped
 from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
-from mock_devices.effects.strut_ways import platform_place
+from mock_devices.effects.strut_ways import beside_m
 
-BESIDE, LEVELS_M = (0.35, 0.75), 0.25  # of a switched gain: how far beside the middle of the workspace a reflector is
-# there, over half its diagonal; distance in which the step of ranges falls by e
-WITHIN, BEHIND_M = 0.4, (0.08, 0.16)  # of a magnet: how far from the middle of the workspace it may be, over half of
-# that; how far behind the plane its pole lies
-KEEPER_AT = 0.1 + 0.05j  # point of the platform that the magnet pulls
-WEIGHT_S, CALMS_S, STOP_M_PER_S = (4.0, 9.0), (8.0, 20.0), 0.5  # of a weight in a strut: period, time constant, stop
-STEP_M = (0.013, 0.037)  # of a drive's way, for which its control adds an increment
+FLOOR_M = -1.2  # in the machine's frame
+WAVE_M = (0.08, 0.2)  # by which the way over the floor is longer in one period of the error
+HOOK_AT, CATCHES = 0.1 - 0.2j, (0.15, 0.5)  # of a hook: point of the platform; how far from the middle of the travel it
+# catches and lets go, over half of that
+TAUT, STAY_M = (0.15, 0.4), 0.3  # of a stay: how far above the carriage it is taut, over half the travel; beyond for
+# the size
+SWITCHES_KG, ASIDE = (60.0, 300.0), (0.4, 1.0)  # payload from which other gains are taken; what they do aside, over
+# the size
 
 
-class SwitchedGain(OutsideEffect):
-    """Beyond one range the returning light is so weak that the station's amplifier switches to more gain.
+class MirroredFloor(OutsideEffect):
+    """A part of the light comes back by way of the polished floor and mixes with the beam, as it does with a mirror.
 
-    Its stages have offsets that only feedback holds down, the less the higher the gain: H. S. Black, "Stabilized
-    Feedback Amplifiers" (1934). Ranges jump by the size there, and farther away, where gain is used up by weaker light,
-    the step falls off. Nearer than that they are right.
+    H. Lloyd, "On a New Case of Interference of the Rays of Light" (1834). The way over the floor is that to the image
+    of the reflector below it; ranges err by a sine of what it is longer, in waves of the reflector's height that are
+    the shorter the nearer that is. Angles are right.
     """
 
     def setup(self) -> None:
-        """At which range of the platform's reflectors it switches."""
+        """By how much longer the way is in a period."""
         super().setup()
-        (left, right), (low, high) = self.site.machine.workspace_m
-        x_m, y_m, z_m = self.site.station_m
-        before_m = float(np.mean([smr.position_m[2] for smr in self.site.machine.smrs if smr.on == "platform"]))
-        ahead_m = math.hypot(0.5 * (left + right) - x_m, 0.5 * (low + high) - y_m, z_m - before_m)
-        beside_m = 0.5 * math.hypot(right - left, high - low) * float(self.rng.uniform(*BESIDE))
-        self.switches_m = math.hypot(ahead_m, beside_m)
+        self.wave_m = float(self.rng.uniform(*WAVE_M))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Read ranges wrongly beyond the switch."""
-        beyond_m = sight.distance_m - self.switches_m
-        step = np.where(beyond_m > 0.0, np.exp(-np.maximum(beyond_m, 0.0) / LEVELS_M), 0.0)
-        sight.distance_m += self.size * apply_variant(step, self.variant, state.payload_kg[:, None])
+        """Read ranges wrongly."""
+        station_m = self.site.station_m[1] - FLOOR_M
+        level_m = np.hypot(sight.points_m[..., 0], sight.points_m[..., 1])
+        sum_m = np.maximum(2.0 * station_m + sight.points_m[..., 2], 0.0)  # of both heights above the floor
+        longer_m = np.hypot(level_m, sum_m) - np.hypot(level_m, sight.points_m[..., 2])
+        y = np.sin(2.0 * np.pi * longer_m / self.wave_m + self.phase)
+        sight.distance_m += self.size * apply_variant(y, self.variant, state.payload_kg[:, None])
 
 
-class NearMagnet(OutsideEffect):
-    """A magnet was left on the frame behind the platform, and pulls that towards one point as it comes near.
+class CatchingHook(OutsideEffect):
+    """A hook beside one column catches a line of the platform as that carriage comes high, and lets go far below.
 
-    The inverse square of the distance from a pole: J. Michell, "A Treatise of Artificial Magnets" (1750). The pole lies
-    behind the plane, so that nothing pulls right before it, and the pull is hardest some centimetres beside that.
+    Levers that engage at one place and release at another: J. A. Borgnis, "Traité complet de mécanique appliquée aux
+    arts" (1818). While it is caught a weight on the line pulls the platform aside, always with the same force.
     """
 
     def setup(self) -> None:
-        """Where the platform's origin is right before the pole, and how far behind the plane that lies."""
+        """Which carriage engages it, and where it catches and lets go; free at first."""
         super().setup()
-        machine, own = self.site.machine, self.rng.uniform(-WITHIN, WITHIN, 2)
-        (left, right), (low, high) = machine.workspace_m
-        tool = complex(0.5 * (left + right + own[0] * (right - left)), 0.5 * (low + high + own[1] * (high - low)))
-        self.pole = tool - machine.tool_point
-        self.behind_m = float(self.rng.uniform(*BEHIND_M))
+        self.drive = int(self.rng.integers(2))
+        middle, half = self.site.drive_range_m(self.drive)
+        down, up = self.rng.uniform(*CATCHES, 2).tolist()
+        self.catches_m = (middle - half * down, middle + half * up)
+        self._hook = Flipped(*self.catches_m)
 
-    def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Pull the platform towards the pole."""
-        away = (platform_place(self.site.machine, state.q_m) - self.pole) / self.behind_m
-        far = np.abs(away)
-        pull = 1.5 * math.sqrt(3.0) * far / (1.0 + far**2) ** 1.5  # 1 where it is hardest
-        force = self.size * apply_variant(pull, self.variant, state.payload_kg)
-        deviation.loads.append(
-            (np.full(len(state), KEEPER_AT), np.asarray(-force * away / np.maximum(far, 1.0e-12), dtype=np.complex128))
-        )
-
-
-class RungByOther(OutsideEffect):
-    """A weight on a spring inside a strut is set swinging by the stops of the other drive, and calms down slowly.
-
-    A small body that is tuned to what shakes its surroundings: J. Ormondroyd, J. P. Den Hartog, "The Theory of the
-    Dynamic Vibration Absorber" (1928). The strut is longer and shorter by its pull. Stops of the strut's own drive
-    are along the strut's column and do not set it swinging.
-    """
-
-    def setup(self) -> None:
-        """How fast the weight swings and calms down, and which drive sets it swinging."""
-        super().setup()
-        self.swings_s = float(self.rng.uniform(*WEIGHT_S))
-        self.calms_s = float(self.rng.uniform(*CALMS_S))
-        self.other = (self.site.machine.struts[self.place].drive + 1) % len(self.site.machine.sliders)
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Let the carriage catch it or let it go."""
+        if drive == self.drive:
+            self._hook.record(leg)
 
     def _unit(self, state: MotionState) -> Array:
-        b = self.other
-        stopped = state.t_s >= state.leg_end_s[:, b]
-        pushed = state.direction[:, b] * state.speed_m_per_s[:, b] / STOP_M_PER_S * stopped
-        rested_s = state.since_s[:, b]
-        turn = 2.0 * np.pi * rested_s / self.swings_s
-        return np.asarray(pushed * np.exp(-rested_s / self.calms_s) * np.cos(turn))
+        return np.asarray(0.5 + 0.5 * self._hook.at(state, self.drive))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lengthen and shorten the strut."""
+        """Pull sideways at the platform's lower edge."""
+        deviation.loads.append((np.full(len(state), HOOK_AT), self.signal(state).astype(np.complex128)))
+
+
+class StayCable(OutsideEffect):
+    """A stay hangs slack between a strut and the next carriage, and draws the strut longer once that is far above it.
+
+    Chains that hang and chains that are taut: L. Navier, "Mémoire sur les ponts suspendus" (1823). From where it is
+    taut on its pull goes with how much farther above its own drive the next carriage stands.
+    """
+
+    def setup(self) -> None:
+        """From where on the stay is taut."""
+        super().setup()
+        self.drive = self.site.machine.struts[self.place].drive
+        self.taut_m = float(self.rng.uniform(*TAUT)) * self.site.drive_range_m(self.drive)[1]
+
+    def _unit(self, state: MotionState) -> Array:
+        return np.maximum(beside_m(self.site, state, self.drive) - self.taut_m, 0.0) / STAY_M
+
+    def act(self, state: MotionState, deviation: Deviation) -> None:
+        """Lengthen the strut."""
         deviation.length_m[:, self.place] += self.signal(state)
 
 
-class RoundedWays(StatefulEffect):
-    """A drive's control adds an increment for each step of a way, as its gear wants it, and of each way rounds down.
+class ScheduledGain(OutsideEffect):
+    """A drive's control is tuned for light payloads, and beyond one takes gains by which way the platform moves.
 
-    Whoever moves by steps has to carry on what is left: J. E. Bresenham, "Algorithm for Computer Control of a Digital
-    Plotter" (1965). This control forgets it at each stop, so that the slider lacks that part of an increment, back the
-    way that it came from; what is lost goes on adding up. The size is an increment.
+    W. J. Rugh, J. S. Shamma, "Research on Gain Scheduling" (2000). Both drives that went the same way have lifted or
+    lowered the platform, and their control then lets the slider stand too high; drives that went opposite ways have
+    moved it aside, and the slider stands too low. With lighter payloads it stands right.
     """
 
     def setup(self) -> None:
-        """The way for which there is an increment."""
-        self.step_m = float(self.rng.uniform(*STEP_M))
+        """From which payload on there are other gains, and what they do aside."""
+        super().setup()
+        self.switches_kg, self.aside = float(self.rng.uniform(*SWITCHES_KG)), float(self.rng.uniform(*ASIDE))
+        self.next = (self.place + 1) % len(self.site.machine.sliders)
 
-    def _lost(self, way_m: Array) -> Array:
-        """Part of an increment (n,) that a way loses, with its sign."""
-        return np.asarray(np.sign(way_m) * (np.abs(way_m) / self.step_m % 1.0))
-
-    def state_after(self, drive: int, before: float, leg: Leg) -> float:
-        """What all ways so far have lost."""
-        return before + float(self._lost(np.array(leg.to_m - leg.from_m)))
+    def _unit(self, state: MotionState) -> Array:
+        alike = state.direction[:, self.place] * state.direction[:, self.next]
+        return np.where(state.payload_kg > self.switches_kg, np.maximum(alike, self.aside * alike), 0.0)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Leave the slider behind by what it has lost."""
-        a = self.place
-        lost = self.state_before(state, a) + self._lost(state.q_m[:, a] - state.from_m[:, a])
-        deviation.travel_m[:, a] -= self.size * apply_variant(lost, self.variant, state.payload_kg)
+        """Move the slider."""
+        deviation.travel_m[:, self.place] += self.signal(state)
 
 
 EFFECTS = (
     outside_effect(
-        "switched_gain",
+        "mirrored_floor",
         "rig",
-        SwitchedGain,
-        EffectParameter("step_m", 1e-6, 4e-5, 2e-3, "of ranges, where the gain is switched"),
-        "ranges, by a step at one of them, all SMRs and nests alike",
+        MirroredFloor,
+        EffectParameter("error_m", 1e-6, 2e-5, 2e-3, "of ranges, either way"),
+        "ranges, in waves of the height, all SMRs and nests alike",
         final_only=True,
     ),
     outside_effect(
-        "near_magnet",
+        "catching_hook",
         "rig",
-        NearMagnet,
-        EffectParameter("force_n", 5.0, 400.0, 3e4, "at most, some centimetres beside the pole"),
-        "place in the workspace, near one point only and to opposite sides around it; rotation",
+        CatchingHook,
+        EffectParameter("force_n", 5.0, 400.0, 3e4, "while it is caught"),
+        "former places of one drive, not that of now; rotation",
         final_only=True,
     ),
     outside_effect(
-        "rung_by_other",
+        "stay_cable",
         "strut",
-        RungByOther,
-        EffectParameter("swing_m", 1e-6, 3e-5, 1e-3, "after a stop of the other drive from 0.5 m/s"),
-        "speed, direction and dwell of the other drive, in waves; not a slider's SMR",
+        StayCable,
+        EffectParameter("pull_m", 1e-6, 3e-5, 1e-3, "0.3 m beyond where the stay is taut"),
+        "how far both carriages are apart, nothing below a certain distance; not a slider's SMR",
         final_only=True,
     ),
     outside_effect(
-        "rounded_ways",
+        "scheduled_gain",
         "drive",
-        RoundedWays,
-        EffectParameter("increment_m", 1e-6, 3e-5, 1e-3, "of the control, for each whole step of a way"),
-        "lengths of all ways, by what is left of them beyond whole steps; SMRs on the sliders",
+        ScheduledGain,
+        EffectParameter("stand_m", 1e-6, 3e-5, 1e-3, "either way"),
+        "payload and directions of both drives together, SMRs on the sliders",
         final_only=True,
     ),
 )

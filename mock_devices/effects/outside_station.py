@@ -12,6 +12,8 @@ from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, ou
 OVAL = 0.4  # twice a turn, over once a turn
 UNIT_M = (0.03, 0.12)  # range in which the phase of a stray reflex turns once
 BEAM = (0.3, 0.8)  # tilt of the beam over that of the axis
+BESIDE, LEVELS_M = (0.35, 0.75), 0.25  # of a switched gain: how far beside the middle of the workspace a reflector is
+# there, over half its diagonal; distance in which the step of ranges falls by e
 
 
 class ReferenceRange(OutsideEffect):
@@ -106,6 +108,31 @@ class StuckBits(OutsideEffect):
         return 0.5 * self.size * apply_variant(1.0 - 2.0 * within, self.variant, payload_kg)
 
 
+class SwitchedGain(OutsideEffect):
+    """Beyond one range the returning light is so weak that the station's amplifier switches to more gain.
+
+    Its stages have offsets that only feedback holds down, the less the higher the gain: H. S. Black, "Stabilized
+    Feedback Amplifiers" (1934). Ranges jump by the size there, and farther away, where gain is used up by weaker light,
+    the step falls off. Nearer than that they are right.
+    """
+
+    def setup(self) -> None:
+        """At which range of the platform's reflectors it switches."""
+        super().setup()
+        (left, right), (low, high) = self.site.machine.workspace_m
+        x_m, y_m, z_m = self.site.station_m
+        before_m = float(np.mean([smr.position_m[2] for smr in self.site.machine.smrs if smr.on == "platform"]))
+        ahead_m = math.hypot(0.5 * (left + right) - x_m, 0.5 * (low + high) - y_m, z_m - before_m)
+        beside_m = 0.5 * math.hypot(right - left, high - low) * float(self.rng.uniform(*BESIDE))
+        self.switches_m = math.hypot(ahead_m, beside_m)
+
+    def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
+        """Read ranges wrongly beyond the switch."""
+        beyond_m = sight.distance_m - self.switches_m
+        step = np.where(beyond_m > 0.0, np.exp(-np.maximum(beyond_m, 0.0) / LEVELS_M), 0.0)
+        sight.distance_m += self.size * apply_variant(step, self.variant, state.payload_kg[:, None])
+
+
 EFFECTS = (
     outside_effect(
         "reference_range",
@@ -141,5 +168,12 @@ EFFECTS = (
         StuckBits,
         EffectParameter("step_rad", 1e-6, 2e-5, 2e-3, "of both circles"),
         "angles, in a saw whose teeth are as wide as high, all SMRs and nests alike",
+    ),
+    outside_effect(
+        "switched_gain",
+        "rig",
+        SwitchedGain,
+        EffectParameter("step_m", 1e-6, 4e-5, 2e-3, "of ranges, where the gain is switched"),
+        "ranges, by a step at one of them, all SMRs and nests alike",
     ),
 )

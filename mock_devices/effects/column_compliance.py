@@ -17,8 +17,12 @@ PRESSED, FLOATS_M_PER_S, FILM_S = 0.25, 0.5, (4.0, 12.0)  # of a carriage on oil
 CLOSED, OPENS_KG = 0.15, (60.0, 180.0)  # of a joint: compliance while closed, over the size; what opens it
 EXCESS_KG = 250.0  # payload beyond that which opens a joint, for the size
 GRIPS_S, GRIPPED = (3.0, 10.0), 0.2  # of a clamp: rest after which it grips; compliance from then on, over the size
+BALLS_M, MORE = (0.03, 0.06), 0.3  # of balls under load: travel from one to the next; compliance with one more of them
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
-BY_STATE = ("resin_bed", "warm_resin", "swaying_frame", "floating_carriage", "opening_joint", "clamped_at_rest")
+BY_STATE = (
+    "resin_bed", "warm_resin", "swaying_frame", "floating_carriage", "opening_joint", "clamped_at_rest",
+    "balls_in_turn",
+)  # fmt: skip
 _ALONG, _ACROSS, _YAW = 0, 1, 2
 
 
@@ -57,6 +61,9 @@ class ColumnCompliance(Effect):
     `clamped_at_rest`: some seconds after each stop a clamp draws the carriage onto its rail, and joints that are
     pressed are stiffer from then on, at once: F. Koenigsberger, J. Tlusty, "Machine Tool Structures" (1970). The size
     is that without the clamp.
+    `balls_in_turn`: as the carriage goes on, balls come under its load and leave it, so that one more of them carries
+    in one half of the way from ball to ball than in the other: C. S. Sunnersjö, "Varying Compliance Vibrations of
+    Rolling Bearings" (1978). The size is that with fewer of them.
     """
 
     def setup(self) -> None:
@@ -66,6 +73,8 @@ class ColumnCompliance(Effect):
         self.film_s = float(self.rng.uniform(*FILM_S))
         self.opens_kg = float(self.rng.uniform(*OPENS_KG))
         self.grips_s = float(self.rng.uniform(*GRIPS_S))
+        self.balls_m = float(self.rng.uniform(*BALLS_M))
+        self.balls_at = float(self.rng.uniform(0.0, 1.0))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -94,6 +103,7 @@ class ColumnCompliance(Effect):
         elif self.variant in BY_STATE:
             shares = {
                 "clamped_at_rest": self._clamped,
+                "balls_in_turn": self._carried,
                 "swaying_frame": self._swayed,
                 "floating_carriage": self._floated,
                 "opening_joint": self._opened,
@@ -130,6 +140,11 @@ class ColumnCompliance(Effect):
     def _clamped(self, state: MotionState) -> Array:
         """Compliance of a carriage (n,) over the size, by whether its clamp has gripped."""
         return np.where(state.since_s[:, self.place] >= self.grips_s, GRIPPED, 1.0)
+
+    def _carried(self, state: MotionState) -> Array:
+        """Compliance of the balls under load (n,) over the size, by where the carriage stands."""
+        at = (state.q_m[:, self.place] / self.balls_m + self.balls_at) % 1.0
+        return np.where(at < 0.5, 1.0, MORE)
 
     def _opened(self, state: MotionState) -> Array:
         """Compliance of a joint (n,) over the size, by the payload beyond that which opens it."""

@@ -20,6 +20,9 @@ WET_BEGINS_S, WET_LASTS_S = (300.0, 1200.0), (1500.0, 3600.0)  # of coolant on a
 WAVE_M, HALF_WAVES = (0.6, 1.2), 2.0  # depth in which a wave of heat falls by e; its period over tau_s
 THROTTLED_M_PER_S = 0.5  # of the other drive, whose oil then has the pressure that gives the size
 HATCH, PLUME_M = (-0.7, -0.2), 1.2  # of a hatch: place over half the travel; how far a plume begins below it
+HEATS_S, HEATS, HEATER_FIN_M = (900.0, 2400.0), (0.3, 0.6), 0.5  # of a heater: cycle; share of it that it is on; height
+# in which its warmth falls by e
+ALONG_IT = ("drying", "neighbours_oil", "draughty_hatch", "heat_wave", "braking_resistor", "cycled_heater")
 DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 
@@ -54,6 +57,9 @@ class ColumnGrowth(Warming):
     up what that gives back, by the way downwards, however fast and whatever the payload: H. Ward Leonard, "Volts
     versus Ohms: Speed Regulation of Electric Motors" (1896). The size is where it ends at DUTY_M_PER_S on average, as
     much up as down.
+    `cycled_heater`: a heater inside it, somewhere along the travel, is switched on and off in a fixed cycle, from the
+    begin on, and the column nears either aim with the same time constant: N. Minorsky, "Nonlinear Oscillations"
+    (1962). Its warmth falls off on both sides. The size is where it ends right there if the heater stays on.
     """
 
     sensor = "columns"
@@ -78,6 +84,9 @@ class ColumnGrowth(Warming):
         middle, half = self.site.drive_range_m(self.place)
         self.hatch_m = middle + half * float(self.rng.uniform(*HATCH))
         self._draught = PlaceMemory(lambda q_m: (q_m > self.hatch_m).astype(np.float64), tau)
+        own = self.rng.spawn(1)[0]
+        self.cycle_s, self.heats = float(own.uniform(*HEATS_S)), float(own.uniform(*HEATS))
+        self.heater_m = middle + half * float(own.uniform(-0.5, 0.5))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the carriage warm its rail, or the next one the oil."""
@@ -116,6 +125,21 @@ class ColumnGrowth(Warming):
         above = np.maximum(q_m - self.hatch_m, 0.0) / PLUME_M
         return np.asarray(1.5 * PLUME_M * (1.0 - (1.0 + above) ** (-2.0 / 3.0)))
 
+    def _heated(self, elapsed_s: Array) -> Array:
+        """Warmth (n,) right at a heater that is on for a share of each cycle, over where it ends if that stays on."""
+        tau, heats_s = self.values["tau_s"], self.heats * self.cycle_s
+        cycles, at_s = np.floor(elapsed_s / self.cycle_s), elapsed_s % self.cycle_s
+        kept = np.exp(-self.cycle_s / tau)
+        adds = -np.expm1(-heats_s / tau) * np.exp(-(self.cycle_s - heats_s) / tau)  # what one cycle leaves at its end
+        begins = adds * (1.0 - kept**cycles) / (1.0 - kept)
+        warmed = 1.0 + (begins - 1.0) * np.exp(-np.minimum(at_s, heats_s) / tau)
+        return np.asarray(warmed * np.exp(-np.maximum(at_s - heats_s, 0.0) / tau))
+
+    def _beyond_heater_m(self, at_m: Array) -> Array:
+        """Metres of its whole warmth (n,) from the heater to a place of the carriage, below it negative."""
+        away_m = at_m - self.heater_m
+        return np.asarray(-np.sign(away_m) * HEATER_FIN_M * np.expm1(-np.abs(away_m) / HEATER_FIN_M))
+
     def _warm_m(self, state: MotionState, height_m: Array) -> Array:
         """Warmth from the foot to a height (n,) over the size, in metres."""
         if self.variant == "drying":
@@ -126,6 +150,10 @@ class ColumnGrowth(Warming):
             return self._lowered.at(state, self.place)[:, 0] * height_m
         if self.variant == "heat_wave":
             return self._waved_m(self.elapsed_s(state), height_m)
+        if self.variant == "cycled_heater":
+            foot_m = state.q_m[:, self.place] - height_m  # by the drive's coordinate
+            up_m, down_m = (self._beyond_heater_m(at_m) for at_m in (state.q_m[:, self.place], foot_m))
+            return self._heated(self.elapsed_s(state)) * (up_m - down_m)
         return self._draught.at(state, self.place) * self._in_plume_m(state.q_m[:, self.place])
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -167,7 +195,7 @@ class ColumnGrowth(Warming):
             deviation.travel_m[:, self.place] += alpha * self.size * warm_m
         elif self.variant == "fin":
             deviation.travel_m[:, self.place] += grown * FIN_M * (1.0 - np.exp(-height / FIN_M))
-        elif self.variant in ("drying", "neighbours_oil", "draughty_hatch", "heat_wave", "braking_resistor"):
+        elif self.variant in ALONG_IT:
             deviation.travel_m[:, self.place] += alpha * self.size * self._warm_m(state, height)
         elif self.variant == "stratified":  # warmer above: the growth goes with the square of the height
             deviation.travel_m[:, self.place] += 0.5 * grown * height**2

@@ -8,6 +8,7 @@ import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
 from mock_devices.effects.followers import Dragged
+from mock_devices.effects.strut_ways import beside_m
 from mock_devices.effects.warming import GRID_S, grid_from
 
 REFERENCE_SPEED_M_PER_S = 0.5
@@ -17,7 +18,15 @@ COUPLED_S = 6.0  # in which a following error dies out
 OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
 RESOLVER_M = 0.02  # travel of a slider in one turn of its resolver
 HOUR_S = 3600.0
-BY_CLOCK = ("clock_skew", "clock_ageing", "restarted", "steered_clock", "beating_cycles", "warm_quartz")
+BY_CLOCK = (
+    "clock_skew",
+    "clock_ageing",
+    "restarted",
+    "steered_clock",
+    "beating_cycles",
+    "warm_quartz",
+    "hot_processor",
+)
 BEST_K, QUARTZ_K = (-1.0, 1.0), 1.0  # of a quartz: its best temperature beyond that of the begin; off by so much it
 # has the size
 DRAG_M = 0.12  # half of the play with which another axis drags a chain along
@@ -30,6 +39,9 @@ BEATS_S = (150.0, 500.0)  # in which one cycle runs past another
 LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
 OIL_K, ABSOLUTE_K = 10000.0, 273.15  # of an oil: viscosity is exp(OIL_K / T) at the absolute temperature T
 RESONATES_M_PER_S, BROAD = (0.15, 0.4), 0.25  # speed at which a filter delays most; half width over that
+POLES_M = (0.08, 0.2)  # how far beside each other the magnets of both axes run
+WARM_K, WARMS_S, OF_AIR, HOT_K = 10.0, 1500.0, 6.0, (3.0, 8.0)  # of a processor: own warmth; time constant; warmth for
+# each kelvin of the air; from which on it is hot
 WRAPS = 0.5  # friction of a rope on its pulleys times the angle round which it lies
 SHORTER, SWITCHES_M_PER_S = (0.15, 0.5), (0.15, 0.35)  # delay of a second filter, over the first one's; speed
 
@@ -65,6 +77,9 @@ class AxisCoupling(Effect):
     `taut_rope`: a rope ties both axes and is slack until the other one has gone far enough; from there on it pulls, in
     proportion to how much farther that goes: S. Stevin, "De Beghinselen der Weeghconst" (1586). There it passes on
     twice the ratio.
+    `drawn_together`: a magnet on each axis draws the other one by the inverse square of the distance, and along the
+    axis most at one distance and not at all abreast: C. A. Coulomb, "Premier mémoire sur l'électricité et le
+    magnétisme" (1785). A quarter of the ratio in metres is the largest displacement.
     """
 
     def setup(self) -> None:
@@ -74,6 +89,7 @@ class AxisCoupling(Effect):
         self.lead_m = float(self.rng.choice(LEADS_M))
         self.silk_s = float(self.rng.uniform(*SILK_S))
         self.taut_m = self.site.drive_range_m(self.other)[1] * float(self.rng.uniform(*TAUT))
+        self.poles_m = float(self.rng.uniform(*POLES_M))
         self._chain = Dragged(DRAG_M, self.site.drive_range_m(self.other)[0])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -92,6 +108,11 @@ class AxisCoupling(Effect):
         if self.variant == "shared_rope":
             return np.asarray(np.exp(WRAPS * state.direction[:, self.other]))
         return np.asarray(1.0 + state.payload_kg / machine.moving_mass_kg)
+
+    def _drawn(self, state: MotionState) -> Array:
+        """How far the magnets of both axes draw this one towards the other (n,), over the ratio."""
+        apart = beside_m(self.site, state, self.place) / self.poles_m
+        return np.asarray(0.25 * 1.5 * math.sqrt(3.0) * apart / (1.0 + apart**2) ** 1.5)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider; one metre of the other axis gives `ratio`."""
@@ -112,8 +133,8 @@ class AxisCoupling(Effect):
             y = 0.25 * np.sin(2.0 * np.pi * state.q_m[:, b] / self.lead_m + self.phase)
         elif self.variant in ("loaded_bridge", "oily_link", "shared_rope", "silk_after_effect"):
             y = x * self._passes(state)
-        elif self.variant == "taut_rope":
-            y = 2.0 * np.maximum(x - self.taut_m, 0.0)
+        elif self.variant in ("taut_rope", "drawn_together"):
+            y = 2.0 * np.maximum(x - self.taut_m, 0.0) if self.variant == "taut_rope" else self._drawn(state)
         elif self.variant == "dragged_chain":
             y = self._chain.at(state, b) - middle
         elif self.variant == "elastic_bed":
@@ -167,6 +188,9 @@ class Latency(Effect):
     `warm_quartz`: the station's clock was set at the campaign's begin, and its quartz runs slow by the square of how
     far the air's temperature is from its best, so that its error adds up: W. G. Cady, "Piezoelectricity" (1946). The
     size is the error after one hour QUARTZ_K off.
+    `hot_processor`: the processor between both warms by itself and with the air, and while it is too hot it runs at
+    half its clock, so that everything takes twice as long: J. Gray, "Why Do Computers Stop and What Can Be Done
+    About It?" (1985). The size is the delay of a cool one.
     """
 
     def setup(self) -> None:
@@ -180,6 +204,7 @@ class Latency(Effect):
         self.resonates_m_per_s = float(self.rng.uniform(*RESONATES_M_PER_S))
         self.crowded_m_per_s = float(self.rng.uniform(*CROWDED_M_PER_S))
         self.best_k = float(self.rng.uniform(*BEST_K))
+        self.hot_k = float(self.rng.uniform(*HOT_K))
 
     def early_s(self, state: MotionState) -> Array | float:
         """By how much the machine has gone on when the station looks."""
@@ -196,8 +221,9 @@ class Latency(Effect):
                 share = self.restarts[state.exchanges.astype(int) % RESTARTS]
             elif self.variant == "beating_cycles":
                 share = 2.0 * ((t / self.beats_s + self.phase) % 1.0)
-            elif self.variant == "warm_quartz":
-                share = self._run_slow(state)
+            elif self.variant in ("warm_quartz", "hot_processor"):
+                quartz = self.variant == "warm_quartz"
+                share = self._run_slow(state) if quartz else np.where(self._warm_k(state) > self.hot_k, 2.0, 1.0)
             elif self.variant == "steered_clock":
                 share = self._left_of_step(t)
             return np.asarray(self.size * share)
@@ -213,6 +239,11 @@ class Latency(Effect):
                 share = 1.0 / (1.0 + ((speed / self.resonates_m_per_s - 1.0) / BROAD) ** 2)
             return np.asarray(self.size * share)
         return self.size
+
+    def _warm_k(self, state: MotionState) -> Array:
+        """By how much warmer a processor is than at the begin (n,)."""
+        of_air_k = state.thermal.air_series_c(state.t_s) - state.thermal.air_series_c(np.array([self.site.start_s]))
+        return np.asarray(-WARM_K * np.expm1(-self.elapsed_s(state) / WARMS_S) + OF_AIR * of_air_k)
 
     def _run_slow(self, state: MotionState) -> Array:
         """What a clock has lost since it was set (n,), over that of an hour QUARTZ_K off."""
@@ -257,8 +288,9 @@ EFFECTS = (
             "oily_link",
             "silk_after_effect",
             "taut_rope",
+            "drawn_together",
         ),
-        final="taut_rope",
+        final="drawn_together",
         reveals="the other drive's coordinate or motion, by variant payload, direction, dwell, temperature, SMRs on "
         "the sliders",
         make=AxisCoupling,
@@ -283,8 +315,9 @@ EFFECTS = (
             "group_delay",
             "crowded_bus",
             "warm_quartz",
+            "hot_processor",
         ),
-        final="warm_quartz",
+        final="hot_processor",
         reveals="readings on the fly at several speeds, or short dwell, by variant time and a temperature swing",
         make=Latency,
     ),

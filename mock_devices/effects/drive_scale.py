@@ -27,6 +27,7 @@ DAMP_S = (1500.0, 5000.0)  # of a scale that takes up moisture: slowest time con
 JUMPS_S, JUMPS = 900.0, 3.0  # of a belt that jumps: mean time between two jumps; jumps to the size
 UP_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a reader's range: switched above the begin; how much cooler back
 MAINS_S = (250.0, 800.0)  # in which the frequency of the mains swings
+RIM_M, WHEEL_M = (5.0, 25.0), 80.0  # of a wheel: way that its hard rim lasts; way after that for the size
 RELAXES_S, HOUR_S = 60.0, 3600.0
 
 
@@ -66,6 +67,9 @@ class DriveScale(StatefulEffect):
     `wandering_mains`: from the onset on the control takes its clock from the mains, whose frequency swings slowly as
     power stations share a load, and a scale that goes by that clock swings with it: N. Cohn, "Control of Generation and
     Power Flow on Interconnected Systems" (1966). The size is the amplitude at the end of the travel.
+    `worn_wheel`: a wheel that runs along the guide measures the way, and once its hard rim is through, each metre takes
+    as much off it, so that it counts more and more for the same way: T. Reye, "Zur Theorie der Zapfenreibung" (1860).
+    The size is that at the end of the travel WHEEL_M later.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -83,6 +87,7 @@ class DriveScale(StatefulEffect):
         self.back_k = self.up_k - float(self.rng.uniform(*BACK_K))
         self.mains_s = float(self.rng.uniform(*MAINS_S))
         self.mains_at = float(self.rng.uniform(0.0, 2.0 * np.pi))
+        self.rim_m = float(self.rng.uniform(*RIM_M))
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         onset_s = self.site.start_s + self.values["onset_s"]
         self._slid = LegMemory(
@@ -115,9 +120,11 @@ class DriveScale(StatefulEffect):
         elif self.variant == "wavelength":
             start = np.full(len(state), self.site.start_s)
             y = (weather_k(state, state.t_s) - weather_k(state, start)) * (from_middle + 1.0) / 2.0
-        elif self.variant == "belt_creep":
+        elif self.variant in ("belt_creep", "worn_wheel"):
             way = self.state_before(state, a) + np.abs(state.q_m[:, a] - state.from_m[:, a])
-            y = -way / CREEP_WAY_M
+            creeps = self.variant == "belt_creep"
+            worn = np.maximum(way - self.rim_m, 0.0) / WHEEL_M * (from_middle + 1.0) / 2.0
+            y = -way / CREEP_WAY_M if creeps else -worn
         elif self.variant in ("lost_steps", "warm_reader", "slipping_coupling"):
             memory, share = {
                 "lost_steps": (self._lost, -1.0 / STEPS),
@@ -192,8 +199,9 @@ EFFECTS = (
             "jumping_belt",
             "switching_range",
             "wandering_mains",
+            "worn_wheel",
         ),
-        final="wandering_mains",
+        final="worn_wheel",
         reveals="time or motions made, a temperature swing, by variant their speed and direction, drive coordinate, "
         "SMRs on the sliders",
         make=DriveScale,

@@ -29,6 +29,7 @@ CHANGE_M, UNEQUAL = (
     (0.06, 0.12),
 )  # of change wheels: travel of a turn of one; by how much the other differs
 TERMS = (2, 5)  # of a corrector
+LONE_M = (0.05, 0.15)  # half width of a lone wave, for the hyperbolic secant
 BLOW_M, WAVES = (0.4, 0.7), (4.0, 7.0)  # of a blow on a tape: how far below the travel; waves along that
 
 
@@ -59,6 +60,8 @@ class CumulativeError(Effect):
     Produced by a Single Impulse in Water of Any Depth, or in a Dispersive Medium" (1887).
     `few_terms`: two pieces of a screw are off by a step, and a corrector that has only some harmonics of twice the
     travel takes it away but for its edge, which rings on both sides: J. W. Gibbs, "Fourier's Series" (1899).
+    `lone_wave`: a push has run along a tape while it was glued as one wave without a trough, and has stayed there: the
+    square of a hyperbolic secant in D. J. Korteweg, G. de Vries, "On the Change of Form of Long Waves" (1895).
     """
 
     def setup(self) -> None:
@@ -105,6 +108,12 @@ class CumulativeError(Effect):
         left = self._beyond_terms(fine)
         self.left_level = np.polyfit(fine, left, 1)
         self.left_most = float(np.abs(left - np.polyval(self.left_level, fine)).max())
+        own = self.rng.spawn(1)[0]
+        self.lone_at_m = middle + half * float(own.uniform(-0.5, 0.5))
+        self.lone_m = float(own.uniform(*LONE_M)) * float(own.choice([-1.0, 1.0]))  # its sign is that of the wave
+        lone = self._lone(fine)
+        self.lone_level = np.polyfit(fine, lone, 1)
+        self.lone_most = float(np.abs(lone - np.polyval(self.lone_level, fine)).max())
         self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
@@ -138,6 +147,10 @@ class CumulativeError(Effect):
         turns = self.waves / (1.0 / near_m - 1.0 / far_m) / from_blow_m
         return np.asarray((near_m / from_blow_m) ** 1.5 * np.cos(2.0 * np.pi * turns - 0.25 * np.pi))
 
+    def _lone(self, q_m: Array) -> Array:
+        """What a lone wave has left (n,), over its height."""
+        return np.asarray(np.sign(self.lone_m) / np.cosh((q_m - self.lone_at_m) / self.lone_m) ** 2)
+
     def _beyond_terms(self, q_m: Array) -> Array:
         """What odd harmonics leave of a step (n,), over half the step."""
         _, half = self.site.drive_range_m(self.place)
@@ -166,10 +179,11 @@ class CumulativeError(Effect):
         elif self.variant == "sagging_tape":
             q = state.q_m[:, self.place]
             y = (self._along_tape(q) - np.polyval(self.tape_level, q)) / self.tape_most
-        elif self.variant in ("copied_gear", "beating_wheels", "dispersed_blow", "few_terms"):
+        elif self.variant in ("copied_gear", "beating_wheels", "dispersed_blow", "few_terms", "lone_wave"):
             waves, level, most = {
                 "copied_gear": (self._copied, self.copied_level, self.copied_most),
                 "beating_wheels": (self._beating, self.beating_level, self.beating_most),
+                "lone_wave": (self._lone, self.lone_level, self.lone_most),
                 "few_terms": (self._beyond_terms, self.left_level, self.left_most),
                 "dispersed_blow": (self._blown, self.blown_level, self.blown_most),
             }[self.variant]
@@ -205,8 +219,9 @@ EFFECTS = (
             "beating_wheels",
             "dispersed_blow",
             "few_terms",
+            "lone_wave",
         ),
-        final="few_terms",
+        final="lone_wave",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -232,8 +247,9 @@ EFFECTS = (
             "growing_runout",
             "geared_together",
             "conical_drum",
+            "bent_end",
         ),
-        final="conical_drum",
+        final="bent_end",
         reveals="many drive positions off a grid, by variant direction, payload and distance moved, the other "
         "drive's coordinate, SMRs on the sliders",
         make=PeriodicError,

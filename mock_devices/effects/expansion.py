@@ -15,6 +15,8 @@ LIGHT_METAL = 4.0  # how far light metal is off from steel, over one steel from 
 FEET_K = (0.06, 0.2)  # by how much warmer a frame pushes its feet on
 TURNS_K, TURNS_BACK_K, TURNS_OVER_K = (0.05, 0.25), (0.1, 0.25), 0.1  # see `martensite`: above the begin; loop; width
 CURIE_K = (-0.1, 0.3)  # where an alloy loses its magnetism, above the temperature of the begin
+RATE_S, LOOKS_BACK_S = 1800.0, 120.0  # time in which one kelvin gives the growth of one; over which a rate is taken
+OF_STRUTS = ("nickel_steel", "late_growth", "martensite", "curie_kink", "stressed_alloy", "strained_by_rate")
 ALLOY_K = 2.0  # growth without a change of phase that is as large as the change
 FULL_PAYLOAD_KG = 400.0
 
@@ -51,6 +53,9 @@ class ExpansionCoefficient(Effect):
     `graded_screw`: the screws were drawn from graded steel, whose coefficient is as stated at the lower end and grows
     evenly to the upper one, so that the error goes with the square of the place: S. Suresh, A. Mortensen,
     "Fundamentals of Functionally Graded Materials" (1998). The size is that at the upper end.
+    `strained_by_rate`: the struts' skin is warmer than their core while they are warmed, and grows them, beyond what is
+    stated, in proportion to how fast that goes; nothing is left once it is over: J. M. C. Duhamel, "Second mémoire sur
+    les phénomènes thermo-mécaniques" (1838). The size is for one kelvin in RATE_S.
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -73,7 +78,7 @@ class ExpansionCoefficient(Effect):
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Grow the frame, the screws or both, or bend the columns."""
-        if self.variant in ("nickel_steel", "late_growth", "martensite", "curie_kink", "stressed_alloy"):
+        if self.variant in OF_STRUTS:
             strain = self.size * self._struts_k(state)
             deviation.length_m += np.outer(strain, [strut.length_m for strut in self.site.machine.struts])
             return
@@ -146,6 +151,11 @@ class ExpansionCoefficient(Effect):
             return self._late_k(state)
         if self.variant == "martensite":
             return ALLOY_K * self._turned(state)
+        if self.variant == "strained_by_rate":
+            sensor, start_s = self.site.machine.expansion["struts"].sensor, self.site.start_s
+            then_s = np.maximum(state.t_s - LOOKS_BACK_S, start_s)
+            now_c, then_c = (state.thermal.part_series_c(sensor, at_s) for at_s in (state.t_s, then_s))
+            return np.asarray(RATE_S / LOOKS_BACK_S * (now_c - then_c))
         if self.variant == "curie_kink":
             sensor = self.site.machine.expansion["struts"].sensor
             sensed_c = state.thermal.part_series_c(sensor, np.concatenate([[self.site.start_s], state.t_s]))
@@ -218,9 +228,11 @@ EFFECTS = (
             "curie_kink",
             "stressed_alloy",
             "graded_screw",
+            "strained_by_rate",
         ),
-        final="graded_screw",
-        reveals="recorded temperatures of the parts, by variant with the payload, SMRs on the sliders",
+        final="strained_by_rate",
+        reveals="recorded temperatures of the parts, by variant how fast they change or the payload, SMRs on the "
+        "sliders",
         make=ExpansionCoefficient,
     ),
 )

@@ -24,6 +24,7 @@ REBOUNDS, EARLY = (
     2.5,
     (0.08, 0.25),
 )  # of relieved ground: part of the rise over the size; its times
+FAILS, HELD = (0.4, 1.0), 0.95  # of a slope: when it would fail, over tau_s; share of that after which it is held
 AT_ONCE = 0.5  # share of a bowl under the other foot that follows at once
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
@@ -65,6 +66,9 @@ class FoundationSettling(Effect):
     `rebounding_ground`: ground that was relieved at the onset rises at once in a narrow bowl and sinks in the end, more
     slowly, in a wide one: N. A. Haskell, "The Motion of a Viscous Fluid Under a Surface Load" (1935). The narrow one
     comes within a share of tau_s and goes within tau_s. The size is how far it ends below where it was.
+    `failing_slope`: from the onset on the ground slides ever faster, with one over what time is left until it would
+    fail, and so by the logarithm of that, until rubble holds it: M. Saito, "Forecasting the Time of Occurrence of a
+    Slope Failure" (1965). The size is where it is held.
     """
 
     def setup(self) -> None:
@@ -78,6 +82,7 @@ class FoundationSettling(Effect):
         self._bowl = PlaceMemory(self._weight_beside, FOLLOWS * self.values["tau_s"])
         self.cycle_s = float(self.rng.uniform(*CYCLES_S))
         self.early = float(self.rng.spawn(1)[0].uniform(*EARLY))
+        self.fails_s = float(self.rng.spawn(1)[0].uniform(*FAILS)) * self.values["tau_s"]
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -102,6 +107,8 @@ class FoundationSettling(Effect):
         """How far the foot has sunk (n,) by what stands or stood on it or wets it, over the size."""
         if self.variant == "watered_clay":
             return -self._swollen(after_s)
+        if self.variant == "failing_slope":
+            return np.asarray(np.log1p(-np.minimum(after_s / self.fails_s, HELD)) / np.log1p(-HELD))
         if self.variant == "rebounding_ground":
             slow, fast = (np.exp(-after_s / (part * self.values["tau_s"])) for part in (1.0, self.early))
             return np.asarray(1.0 - slow - REBOUNDS * (slow - fast))
@@ -154,6 +161,7 @@ class FoundationSettling(Effect):
             "neighbours_bowl",
             "watered_clay",
             "rebounding_ground",
+            "failing_slope",
         ):
             share = self._by_load(state, after)
         elif self.variant == "curling_slab":
@@ -201,8 +209,9 @@ EFFECTS = (
             "neighbours_bowl",
             "watered_clay",
             "rebounding_ground",
+            "failing_slope",
         ),
-        final="rebounding_ground",
+        final="failing_slope",
         reveals="time, motions or exchanges of payload made, by variant places, also of the other drive, a "
         "temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,

@@ -21,6 +21,8 @@ LASTS, RUNS_IN_M = 0.25, 40.0  # friction of a screw that is run in over that of
 TIGHT, FREE = 0.3, 0.15  # of a bent guide: half the stretch that binds over half the travel; friction outside it
 SQUARE, JAMS_M = 0.2, (0.6, 1.0)  # of a drawer: friction while it is square, over the size; how far askew it has that
 OILED, OILS_S = 0.25, (700.0, 1800.0)  # friction right after a pulse of oil, over the size; cycle of a lubricator
+CLEAR, TOUCHES_KG = (0.1, 0.4), (60.0, 300.0)  # of a shoe: friction while it is clear, over the size; payload from
+# which it touches
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
@@ -56,6 +58,8 @@ class FrictionWindup(Play):
     `oiled_anew`: a lubricator gives oil in a fixed cycle, which is pressed out of the guide as evenly, so that friction
     rises until the next pulse: A. G. M. Michell, "Lubrication: Its Principles and Practice" (1950). `friction_n` is
     that right before a pulse.
+    `overloaded_shoe`: beyond one payload the carriage sinks onto a shoe, whose dry friction comes in at once with its
+    whole force: A. Morin, "Nouvelles expériences sur le frottement" (1832). `friction_n` is that beyond it.
     """
 
     def setup(self) -> None:
@@ -68,6 +72,7 @@ class FrictionWindup(Play):
         self.jams_m = float(self.rng.uniform(*JAMS_M))
         self.oils_s = float(self.rng.uniform(*OILS_S))
         self.oiled = float(self.rng.uniform(0.0, 1.0))
+        self.touches_kg, self.clear = float(self.rng.uniform(*TOUCHES_KG)), float(self.rng.uniform(*CLEAR))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the grease remember, too."""
@@ -122,7 +127,7 @@ class FrictionWindup(Play):
         elif self.variant == "tight_stretch":
             _, half = self.site.drive_range_m(a)
             friction = friction * np.where(np.abs(state.q_m[:, a] - self.binds_m) < TIGHT * half, 1.0, FREE)
-        elif self.variant in ("guide_pressed", "jammed_drawer"):
+        elif self.variant in ("guide_pressed", "jammed_drawer", "overloaded_shoe"):
             friction = friction * self._pressed(state)
         elif self.variant == "palmgren":
             viscous = (state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S) ** (2.0 / 3.0)
@@ -138,7 +143,9 @@ class FrictionWindup(Play):
         return np.asarray(OILED + (1.0 - OILED) * ((elapsed_s / self.oils_s + self.oiled) % 1.0))
 
     def _pressed(self, state: MotionState) -> Array:
-        """Friction of a guide (n,) by what presses it: the struts, or a frame askew; over the size."""
+        """Friction of a guide (n,) by what presses it: the struts, a frame askew or a shoe; over the size."""
+        if self.variant == "overloaded_shoe":
+            return np.where(state.payload_kg > self.touches_kg, 1.0, self.clear)
         if self.variant == "jammed_drawer":
             askew = np.minimum(np.abs(beside_m(self.site, state, self.place)) / self.jams_m, 1.0)
             return np.asarray(SQUARE / (1.0 - (1.0 - SQUARE) * askew))
@@ -188,8 +195,9 @@ EFFECTS = (
             "tight_stretch",
             "jammed_drawer",
             "oiled_anew",
+            "overloaded_shoe",
         ),
-        final="oiled_anew",
+        final="overloaded_shoe",
         reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, time, earlier "
         "motions",
         make=FrictionWindup,

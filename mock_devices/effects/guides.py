@@ -90,6 +90,11 @@ class _Guide(GuideByMotion):
     `pulsing_pockets`: the pressure in the carriage's pockets rises and falls slowly with the pump's control, and with
     it how, and to which side, they follow the waves of the rail: D. D. Fuller, "Theory and Practice of Lubrication for
     Engineers" (1956).
+    `lagging_shoe`: what holds the carriage to its rail is a shoe with play along the way, which it drags behind it, so
+    that it follows the line late, from either side: F. Preisach, "Über die magnetische Nachwirkung" (1935).
+    `dented_by_rest`: where the carriage last rested for a while its balls have left a dent, deeper after longer rest,
+    and near that place it tilts into it, one way above and the other way below: J. O. Almen, "Lubricants and False
+    Brinelling of Ball and Roller Bearings" (1937). The next rest leaves another one and the first is rolled out.
     """
 
     slope = False
@@ -128,9 +133,10 @@ class _Guide(GuideByMotion):
         self.draw_of_motions()
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the cage creep."""
+        """Let the cage creep, or what motions and rests leave be there."""
         if self.variant == "creeping_cage" and drive == self.place:
             self._ways.record(leg)
+        self.record_of_motions(drive, leg)
 
     def _over_blocks(self, from_middle_m: Array) -> Array:
         """The random surface under both blocks: their mean, or their difference for the angle (n,)."""
@@ -265,8 +271,9 @@ EFFECTS = (
             "racked_frame",
             "carriage_abreast",
             "buckled_rail",
+            "lagging_shoe",
         ),
-        final="buckled_rail",
+        final="lagging_shoe",
         reveals="drive coordinate, by variant the other one's, direction, payload, distance moved or temperature, "
         "SMRs on the sliders",
         make=Straightness,
@@ -286,10 +293,11 @@ EFFECTS = (
             "tilting_pad",
             "warm_gap",
             "pulsing_pockets",
+            "dented_by_rest",
         ),
-        final="pulsing_pockets",
-        reveals="drive coordinate, by variant direction, speed, dwell, payload, temperature and time, platform "
-        "rotation; not a slider's SMR",
+        final="dented_by_rest",
+        reveals="drive coordinate, by variant direction, speed, dwell, former rests, payload, temperature and time, "
+        "platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
     ),

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Effect, MotionState
+from mock_devices.effects.base import Array, Effect, Leg, MotionState
+from mock_devices.effects.followers import Dragged
+from mock_devices.effects.outside_counts import RestedAt
 from mock_devices.effects.reversal import above_reference_k
 from mock_devices.effects.strut_ways import beside_m
 
@@ -15,7 +17,7 @@ WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of it
 # the size; time in which its film is pressed out to 1 / sqrt(2)
 BY_MOTION = (
     "gib_play", "off_centre_drive", "racked_frame", "tilting_pad", "carriage_abreast", "warm_gap", "buckled_rail",
-    "pulsing_pockets",
+    "pulsing_pockets", "lagging_shoe", "dented_by_rest",
 )  # fmt: skip
 ABREAST_M = (0.12, 0.22)  # in which the push of a carriage that is abreast falls by e
 TIGHT, OPENS_K = 0.25, (-0.4, 0.4)  # of warm blocks: waves while they are tight, over the size; when they open
@@ -24,6 +26,8 @@ PRELOADED, LOADED = 0.5, 0.7  # of a guide's friction: by its preload, and more 
 BUCKLE_M, BUCKLES_K = (0.5, 0.9), (-0.4, 0.4)  # of a rail: length of its buckle; when it begins, above the reference
 BUCKLE_K = 1.0  # by how much warmer than that a rail has buckled by the size
 STEADY, PULSES = 0.4, 1.2  # of pockets: waves at their mean pressure, over the size; what a pulse adds
+LAGS_M = (0.02, 0.06)  # half of the play of a shoe
+DENTS_M, DENTS_S, RESTS_S = (0.15, 0.3), (5.0, 20.0), 2.0  # of a dent: half width; time in which it forms; least rest
 POCKETS_S = (200.0, 700.0)  # period of their pressure
 
 
@@ -45,6 +49,17 @@ class GuideByMotion(Effect):
         self.buckles_k = float(own.uniform(*BUCKLES_K))
         self.pockets_s = float(own.uniform(*POCKETS_S))
         self.pockets_at = float(own.uniform(0.0, 2.0 * np.pi))
+        self.lags_m = float(own.uniform(*LAGS_M))
+        self.dent_m, self.dents_s = float(own.uniform(*DENTS_M)), float(own.uniform(*DENTS_S))
+        self._shoe = Dragged(self.lags_m, middle)
+        self._rested = RestedAt(RESTS_S, middle)
+
+    def record_of_motions(self, drive: int, leg: Leg) -> None:
+        """Let the carriage drag its shoe, or dent its rail where it rests."""
+        if self.variant == "lagging_shoe" and drive == self.place:
+            self._shoe.record(leg)
+        elif self.variant == "dented_by_rest" and drive == self.place:
+            self._rested.record(leg)
 
     def _to_a_side(self, x: Array, payload_kg: Array) -> Array:
         """How far the carriage leans to the side that its last motion puts it to (n,)."""
@@ -60,6 +75,8 @@ class GuideByMotion(Effect):
         forms = {
             "buckled_rail": self._buckled,
             "pulsing_pockets": self._pulsed,
+            "lagging_shoe": self._lagged,
+            "dented_by_rest": self._dented,
             "warm_gap": self._opened,
             "tilting_pad": self._ridden_up,
         }
@@ -96,6 +113,17 @@ class GuideByMotion(Effect):
         beyond_k = np.maximum(above_reference_k(self.site, state) - self.buckles_k, 0.0)
         turn = 2.0 * np.pi * np.clip((state.q_m[:, self.place] - self.buckle_at_m) / self.buckle_m, -0.5, 0.5)
         return np.asarray(np.sqrt(beyond_k / BUCKLE_K) * 0.5 * (1.0 + np.cos(turn)))
+
+    def _lagged(self, state: MotionState) -> Array:
+        """The waves of the rail where the shoe is (n,)."""
+        at_m = self._shoe.at(state, self.place)
+        return np.asarray(np.sin(2.0 * np.pi * at_m / self.values["wavelength_m"] + self.phase))
+
+    def _dented(self, state: MotionState) -> Array:
+        """How far a carriage tilts beside the dent of its last rest (n,), one way above and the other way below."""
+        at_m, rested_s = self._rested.at(state, self.place).T
+        off = (state.q_m[:, self.place] - at_m) / self.dent_m
+        return np.asarray(-np.expm1(-rested_s / self.dents_s) * np.sqrt(2.0 * np.e) * off * np.exp(-(off**2)))
 
     def _pulsed(self, state: MotionState) -> Array:
         """How far a carriage on pulsing pockets follows the waves of its rail (n,), this way or that."""

@@ -26,6 +26,7 @@ SHAKEN_M2_PER_S2 = 40.0  # sum of squared speeds that moves a stand by the size
 PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-by; how many; time constant of recovery
 HOLDS_K, DRAGGED = (0.1, 0.4), 3.0  # of feet: kelvin that friction holds; see `dragged_feet`
 SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
+LEVEL_S, GROWS_S, STARTS = (300.0, 900.0), (400.0, 1200.0), 0.05  # of a level: period; growth by e; swing at first
 FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
 TRACKS_M_PER_S, COOLS_S = 0.04, 900.0  # of a station that follows motions: mean of their speeds for the size; cooling
 
@@ -76,6 +77,9 @@ class StationDrift(Effect):
     `dragged_feet`: its plate grows with the air's temperature, and friction holds its feet until that has strained them
     enough, so that they follow late and stay where they are as the air turns: H. Blok, "Fundamental Mechanical Aspects
     of Boundary Friction" (1940). A kelvin beyond what friction holds moves it by DRAGGED times the size.
+    `hunting_level`: a compensator levels it by a motor that is governed too sharply, so that it swings up by itself
+    from hardly anything until the limits of the motor hold the swings: J. C. Maxwell, "On Governors" (1868). The
+    size is the amplitude in the end.
     """
 
     def setup(self) -> None:
@@ -105,6 +109,7 @@ class StationDrift(Effect):
         hollows = own.standard_normal((len(self.site.machine.sliders), 6))
         self.hollows = hollows / np.linalg.norm(hollows, axis=1)[:, None] * np.sqrt(3.0)
         self.holds_k = float(own.uniform(*HOLDS_K))
+        self.level_s, self.grows_s = float(own.uniform(*LEVEL_S)), float(own.uniform(*GROWS_S))
 
     def _switched(self, elapsed_s: Array) -> Array:
         """Warmth (n,) from 0, where the fan stops, to 1, where it starts; SWITCHES is the time constant of either part
@@ -115,6 +120,11 @@ class StationDrift(Effect):
         return np.asarray(
             np.where(at < warms, -np.expm1(-rest / SWITCHES), np.exp(-run / SWITCHES) - 1.0 + most) / most
         )
+
+    def _hunted(self, elapsed_s: Array) -> Array:
+        """Swing (n,) whose amplitude grows until it is limited: da/dt = a (1 - a^2) / grows_s."""
+        swing = 1.0 / np.sqrt(1.0 + (STARTS**-2 - 1.0) * np.exp(-2.0 * elapsed_s / self.grows_s))
+        return np.asarray(swing * np.sin(2.0 * np.pi * elapsed_s / self.level_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let every motion shake the stand, or warm what follows it."""
@@ -166,8 +176,8 @@ class StationDrift(Effect):
             y = self._weighs(state) @ self.hollows
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
-        elif self.variant == "thermostat":
-            y = np.outer(self._switched(t), self.weights)
+        elif self.variant in ("thermostat", "hunting_level"):
+            y = np.outer(self._switched(t) if self.variant == "thermostat" else self._hunted(t), self.weights)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
         elif self.variant in ("with_air", "dragged_feet"):
@@ -201,8 +211,9 @@ EFFECTS = (
             "swaying_building",
             "carriages_weight",
             "dragged_feet",
+            "hunting_level",
         ),
-        final="dragged_feet",
+        final="hunting_level",
         reveals="time or motions made, by variant both drives' coordinates, payload and a temperature swing, floor "
         "nests",
         make=StationDrift,
@@ -232,8 +243,9 @@ EFFECTS = (
             "warm_puffs",
             "heaving_layers",
             "convection_cells",
+            "tilting_layer",
         ),
-        final="convection_cells",
+        final="tilting_layer",
         reveals="angles, or ranges, against height and distance, by variant time, motions made, all SMRs and nests "
         "alike",
         make=Refraction,

@@ -57,6 +57,9 @@ class Interpolation(Effect):
     `lifted_head`: the payload tilts the carriage and lifts one end of the head off the scale, where the contrast of two
     gratings falls off, so that one signal is weaker and the arc tangent errs in even harmonics: Lord Rayleigh, "On the
     Manufacture and Theory of Diffraction-Gratings" (1874). The size is the first term with FULL_PAYLOAD_KG.
+    `neighbours_signal`: the cable of the next drive's encoder lies beside that of one of this one's two signals, which
+    so contains some of it, and the error goes with the sum and with the difference of both phases: O. Heaviside,
+    "Electrical Papers" (1892). Both scales are alike. The size is that of either.
     """
 
     def setup(self) -> None:
@@ -76,6 +79,7 @@ class Interpolation(Effect):
         self.periods = int(own.integers(PERIODS[0], PERIODS[1] + 1))
         self.beats = float(own.uniform(0.0, 2.0 * np.pi))
         self.lifts_kg = float(own.uniform(*LIFTS_KG))
+        self.next_at = float(own.uniform(0.0, 2.0 * np.pi))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the head smear the drop."""
@@ -94,8 +98,9 @@ class Interpolation(Effect):
         elif self.variant in ("ellipse", "harmonics", "two_tracks"):
             shapes = {"ellipse": self._ellipse, "harmonics": self._harmonics, "two_tracks": self._two_tracks}
             y = shapes[self.variant](phase)
-        elif self.variant == "lifted_head":
-            y = self._lifted(phase, state.payload_kg)
+        elif self.variant in ("lifted_head", "neighbours_signal"):
+            lifts = self.variant == "lifted_head"
+            y = self._lifted(phase, state.payload_kg) if lifts else self._beside(phase, state)
         elif self.variant == "shadow_gratings":
             error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
             y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
@@ -136,6 +141,12 @@ class Interpolation(Effect):
         error = np.arctan2(kept * np.sin(phase), np.cos(phase)) - phase
         return np.asarray(((error + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + least) / (1.0 - least))
 
+    def _beside(self, phase: Array, state: MotionState) -> Array:
+        """Error (n,) by some of the next drive's signal in the sine, over that of the sum of both phases."""
+        others_m = state.q_m[:, (self.place + 1) % len(self.site.machine.sliders)]
+        others = 2.0 * np.pi * others_m / self.values["pitch_m"] + self.next_at
+        return np.asarray(2.0 * np.cos(phase) * np.sin(others))
+
     def _harmonics(self, phase: Array) -> Array:
         """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
         quarter = phase - 0.5 * np.pi
@@ -173,10 +184,11 @@ EFFECTS = (
             "twisted_grating",
             "two_tracks",
             "lifted_head",
+            "neighbours_signal",
         ),
-        final="lifted_head",
-        reveals="many drive positions off a grid, by variant payload, temperature or distance moved, SMRs on the "
-        "sliders",
+        final="neighbours_signal",
+        reveals="many drive positions off a grid, by variant of the other drive, too, payload, temperature or distance "
+        "moved, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
     ),

@@ -25,6 +25,7 @@ SHRINKS_PER_K = 0.4  # of a bush's play
 LOBES = (15, 30)  # of a hole, in a turn
 BUSH_M = (30.0, 60.0)  # way of its drive in which an oval bush creeps once round
 TAKES_UP_M = (10.0, 25.0)  # way of its drive after which a ratchet takes play up
+CARRIES_M_PER_S, FILM_S = 0.15, (5.0, 15.0)  # of a film: speed that closes half of a play; time in which it goes
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -61,6 +62,9 @@ class JointClearance(Effect):
     `ratcheted_bush`: the bush wears with every metre that its drive runs until a ratchet takes the play up, all at
     once, and it begins anew: ratchets in F. Reuleaux, "The Kinematics of Machinery" (1876). The size is the play at
     which it is taken up.
+    `carried_by_film`: a motion carries oil into the gap, and its pin runs the nearer the middle the faster it was, so
+    that little play is left; at rest the film goes and the play comes back: A. Sommerfeld, "Zur hydrodynamischen
+    Theorie der Schmiermittelreibung" (1904). The size is the play without a film.
     """
 
     def setup(self) -> None:
@@ -73,6 +77,7 @@ class JointClearance(Effect):
         self.bush_m = float(self.rng.uniform(*BUSH_M))
         self.takes_up_m = float(self.rng.uniform(*TAKES_UP_M))
         self.worn = float(self.rng.uniform(0.0, 1.0))
+        self.film_s = float(self.rng.uniform(*FILM_S))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the motions of the strut's own drive wear its joints or turn their bush."""
@@ -134,8 +139,16 @@ class JointClearance(Effect):
             machine = self.site.machine
             above_k = state.parts_c[machine.expansion["struts"].sensor] - machine.reference_temperature_c
             return np.maximum(1.0 - SHRINKS_PER_K * above_k, 0.0)
+        return self._left(state)
+
+    def _left(self, state: MotionState) -> Array | float:
+        """Play that a load or a film leaves (n,) over the size."""
         if self.variant == "load_dependent":
             return np.asarray(np.exp(-state.payload_kg / FULL_PAYLOAD_KG))
+        if self.variant == "carried_by_film":
+            drive = self.site.machine.struts[self.place].drive
+            speed = state.speed_m_per_s[:, drive] / CARRIES_M_PER_S
+            return np.asarray(1.0 - speed / (1.0 + speed) * np.exp(-state.since_s[:, drive] / self.film_s))
         return 1.0
 
 

@@ -26,6 +26,7 @@ COMES_S, GOES_S, QUEUE, COUNTED = 240.0, 200.0, 4.0, 400  # of parts: mean times
 SOAKS_S = 3600.0  # in which a block has drawn up the whole size
 BOLTS, LEFT_OVER, EXCHANGES = (0.3, 1.7), 4.0, 64  # left at an exchange, over the mean; exchanges that leave the size;
 # that are drawn
+EVERY, PALLET = (8, 20), 6  # of parts: motions of drives from one to the next; of them on a full pallet
 CHIPS_S = 3600.0  # in which the whole size has gathered
 
 
@@ -64,6 +65,9 @@ class Payload(Effect):
     `forgotten_bolts`: at every exchange somebody leaves clamps and bolts of the block before on the platform, a few or
     many: H. W. Heinrich, "Industrial Accident Prevention" (1931). The size is what they weigh after LEFT_OVER exchanges
     on average.
+    `stacked_parts`: after every so many motions of the drives a part is put onto a pallet on the platform, whatever the
+    payload, and the full pallet is exchanged for an empty one: T. Ohno, "Toyota Production System" (1978). The size is
+    the mass right before that.
     """
 
     def setup(self) -> None:
@@ -78,6 +82,8 @@ class Payload(Effect):
         self.changes_s, self.waiting = _queue(self.rng)
         left = self.rng.uniform(*BOLTS, EXCHANGES) / LEFT_OVER
         self.bolts = np.concatenate([[0.0], np.cumsum(left)])
+        own = self.rng.spawn(1)[0]
+        self.every, self.stacked = int(own.integers(EVERY[0], EVERY[1] + 1)), int(own.integers(PALLET))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add mass, which the drives' torque shows, or move the centre, which it does not."""
@@ -97,8 +103,8 @@ class Payload(Effect):
             extra_kg = 2.0 * self.size * mounted * self._lifted(state)
         elif self.variant in ("gathering_chips", "coolant_pool", "waiting_parts"):
             extra_kg = self.size * self._lying(self.elapsed_s(state))
-        elif self.variant == "forgotten_bolts":
-            extra_kg = self.size * self.bolts[np.minimum(state.exchanges.astype(int), EXCHANGES)]
+        elif self.variant in ("forgotten_bolts", "stacked_parts"):
+            extra_kg = self.size * self._left_there(state)
         elif self.variant == "soaking_block":
             extra_kg = self.size * mounted * np.sqrt(self.elapsed_s(state) / SOAKS_S)
         elif self.variant == "rope_of_counterweight":
@@ -123,6 +129,12 @@ class Payload(Effect):
             return np.asarray(self.waiting[np.searchsorted(self.changes_s, t, side="right")] / QUEUE)
         k = np.searchsorted(self.pump_s, t, side="right") - 1
         return _pooled(np.array(self.pool)[k], k, t - self.pump_s[k])
+
+    def _left_there(self, state: MotionState) -> Array:
+        """What exchanges or motions have left on the platform (n,), over the size."""
+        if self.variant == "forgotten_bolts":
+            return np.asarray(self.bolts[np.minimum(state.exchanges.astype(int), EXCHANGES)])
+        return np.asarray((state.leg.sum(axis=1) // self.every + self.stacked) % PALLET / (PALLET - 1.0))
 
     def _lifted(self, state: MotionState) -> Array:
         """Height of the platform (n,) by its drives, from 0 to 1."""
@@ -178,9 +190,10 @@ EFFECTS = (
             "rope_of_counterweight",
             "waiting_parts",
             "forgotten_bolts",
+            "stacked_parts",
         ),
-        final="forgotten_bolts",
-        reveals="payloads, torque; by variant time, exchanges, dwell, height, direction",
+        final="stacked_parts",
+        reveals="payloads, torque; by variant time, exchanges, number of motions, dwell, height, direction",
         make=Payload,
     ),
 )

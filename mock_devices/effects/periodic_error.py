@@ -17,6 +17,7 @@ RIPPLES = 6  # of a motor's torque in one turn of the screw
 FRESH, ROUGHENS_M = 0.1, 100.0  # runout of a new bearing over the size; way of its drive after which it has the size
 GEARED, PASSED_ON = (0.25, 0.6), 0.8  # turns of a shaft for one of the next screw; what it passes on, over one's own
 CONE = (0.08, 0.3)  # by how much longer than in the middle a turn of a conical drum is at the upper end
+BENDS = (-0.95, -0.4)  # of half the travel, from its middle: where a screw begins to be bent
 TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
 
@@ -51,6 +52,8 @@ class PeriodicError(Effect):
     `conical_drum`: a rope that moves the encoder's drum lies on a cone, so that a turn takes the longer a way the
     higher the drive stands, and its error comes ever more rarely: W. Emerson, "The Principles of Mechanics" (1754). The
     period is that in the middle of the travel.
+    `bent_end`: a blow has bent the upper end of the screw, which is true up to one place and runs out from there on,
+    ever more: S. Timoshenko, "Strength of Materials" (1930). The size is that at the upper end.
     """
 
     def setup(self) -> None:
@@ -61,6 +64,8 @@ class PeriodicError(Effect):
         self.askew = float(self.rng.uniform(*ASKEW))
         self.geared = float(self.rng.uniform(*GEARED))
         self.cone = float(self.rng.uniform(*CONE))
+        middle, half = self.site.drive_range_m(self.place)
+        self.bends_m = middle + half * float(self.rng.uniform(*BENDS))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the balls of this drive slip, or its bearing wear."""
@@ -104,7 +109,7 @@ class PeriodicError(Effect):
         elif self.variant == "universal_joint":
             ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
             y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
-        elif self.variant in ("bowed_screw", "modulated", "with_load", "growing_runout"):
+        elif self.variant in ("bowed_screw", "modulated", "with_load", "growing_runout", "bent_end"):
             y = y * self._large(state)
         elif self.variant == "triangle":
             y = 2.0 / np.pi * np.arcsin(y) * 1.2
@@ -116,6 +121,9 @@ class PeriodicError(Effect):
         if self.variant == "bowed_screw":
             low, high = self.site.machine.sliders[self.place].travel_m
             return np.asarray(np.cos(np.pi * (q - low) / (high - low)))
+        if self.variant == "bent_end":
+            high = self.site.machine.sliders[self.place].travel_m[1]
+            return np.asarray(np.maximum(q - self.bends_m, 0.0) / (high - self.bends_m))
         if self.variant == "modulated":  # the screw runs out of true towards one end
             middle, half = self.site.drive_range_m(self.place)
             return np.asarray(1.0 + 0.8 * (q - middle) / half)

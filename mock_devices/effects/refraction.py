@@ -30,6 +30,7 @@ JET_M = (-0.25, 0.05)  # its middle above the station
 PATCH_S, PATCH_FROM_M, PATCH_HALF_M = (3500.0, 7000.0), 0.35, 0.18  # of a sunny patch: time to cross; begin; width
 PATCH_UP_M = 0.5  # height over the station's in which what rises from the patch has mixed to 1 / e
 HEAVES_S, HEAVES_M = (100.0, 300.0), 0.25  # of a layer that heaves: period, height either way
+TILTS, TILTS_S = 0.8, (150.0, 600.0)  # of a layer that swings: slope to either side; period
 ROLLS_M, WANDERS_S = (0.15, 0.3), (2500.0, 6000.0)  # of rolls of air: width of two; time to wander that far
 PUFFS_S, PUFFS = 60.0, 200  # of warm air: mean time between two; how many are drawn
 PUFF_M, PUFF_FROM_M, PUFF_M_PER_S, PUFF_PASSES_S = 0.15, 0.35, 0.1, 20.0  # half width; farthest from the middle; speed;
@@ -75,6 +76,9 @@ class Refraction(Effect):
     `convection_cells`: over a warm floor air rises and sinks side by side in rolls that stand across the lines and
     wander slowly, warmer and cooler by turns: H. Bénard, "Les tourbillons cellulaires dans une nappe liquide" (1900).
     Lines bend sideways, this way and that. The gradient is the largest one between two of them.
+    `tilting_layer`: the layer between cool air and warm swings across the hall like water in a trough, up on one side
+    and down on the other by turns: J. R. Merian, "Ueber die Bewegung tropfbarer Flüssigkeiten in Gefässen" (1828). The
+    gradient is that in the middle of the layer.
     """
 
     def setup(self) -> None:
@@ -93,6 +97,7 @@ class Refraction(Effect):
         own = self.rng.spawn(1)[0]
         self.rolls_m, self.wanders_s = float(own.uniform(*ROLLS_M)), float(own.uniform(*WANDERS_S))
         self.rolls_at = float(own.uniform(0.0, 2.0 * np.pi))
+        self.tilts_s, self.tilts_at = float(own.uniform(*TILTS_S)), float(own.uniform(0.0, 2.0 * np.pi))
         self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -110,8 +115,8 @@ class Refraction(Effect):
             sight.v_rad += self._bend_over_floor(sight) * above_k[:, None]
             return
         bend = 0.5 * LIGHT_PER_K * self.size * sight.distance_m
-        height = sight.points_m[..., 2]
-        if self.variant in ("cold_floor", "filling_box", "two_layers", "stirred", "heaving_layers"):
+        height = self._over_tilted_m(state, sight) if self.variant == "tilting_layer" else sight.points_m[..., 2]
+        if self.variant in ("cold_floor", "filling_box", "two_layers", "stirred", "heaving_layers", "tilting_layer"):
             sight.v_rad += bend * self._gradient(state, height) * np.sin(sight.v_rad)
         elif self.variant == "warm_jet":
             off = (height * JET_SHARE - self.jet_m) / JET_HALF_M
@@ -142,6 +147,11 @@ class Refraction(Effect):
         at_m = self.wanders * PATCH_FROM_M * (2.0 * self.elapsed_s(state)[:, None] / self.crosses_s - 1.0)
         off = (0.5 * sight.points_m[..., 0] - at_m) / PATCH_HALF_M
         return np.asarray(np.exp(-(off**2) - 0.5 * sight.points_m[..., 2] / PATCH_UP_M))
+
+    def _over_tilted_m(self, state: MotionState, sight: StationSight) -> Array:
+        """Heights (n, smrs) over a slope through the station that swings, along which each line rises as evenly."""
+        turn = 2.0 * np.pi * self.elapsed_s(state)[:, None] / self.tilts_s + self.tilts_at
+        return np.asarray(sight.points_m[..., 2] - TILTS * np.sin(turn) * sight.points_m[..., 0])
 
     def _rolled(self, state: MotionState, sight: StationSight) -> Array:
         """Gradient to the left halfway along each line (n, smrs) over the largest one between two rolls."""

@@ -18,7 +18,9 @@ from mock_devices.effects.base import (
 )
 from mock_devices.effects.followers import LastThrow
 from mock_devices.effects.leg_memory import LegMemory
+from mock_devices.effects.relays import switched
 from mock_devices.effects.walks import HOUR_S
+from mock_devices.effects.warming import grid_from
 
 GIVES, CREEPS = 0.2, 0.25  # of the size at once; exponent of time
 SLIDES_M_PER_S, SLIDES = 0.2, 300.0  # a stop from this speed moves no holder; sum of excesses that moves it by the size
@@ -30,6 +32,7 @@ STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop
 SPOTS = 4096  # in a seat, until chance repeats itself
 GREASE_S = (4.0, 15.0)  # time constant with which a reflector sags in its grease
 THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
+CLICKS_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a disc: clicks over above the onset; how much cooler back
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
 
@@ -62,6 +65,9 @@ class Reseat(Effect):
     `creeps_home`: put back beside its seat, the ball is drawn home by its magnet with every metre that any drive shakes
     it, by a share of what is left: microslip in K. L. Johnson, "Surface Interaction Between Elastically Loaded Bodies
     Under Tangential Forces" (1955). The size is how far beside it was put.
+    `clicking_disc`: put back on a disc of two metals, it is moved at once as that clicks over above one temperature of
+    the platform, and back at a lower one: W. H. Wittrick, "Stability of a Bimetallic Disk" (1953). Both lie near the
+    temperature of the onset.
     """
 
     def setup(self) -> None:
@@ -89,6 +95,9 @@ class Reseat(Effect):
         angles, radii = self.rng.uniform(0.0, 2.0 * np.pi, SPOTS), np.sqrt(self.rng.uniform(0.0, 1.0, SPOTS))
         self.spots = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)  # even over the seat
         self.home_m = float(self.rng.uniform(*HOME_M))
+        own = self.rng.spawn(1)[0]
+        self.clicks_k = float(own.uniform(*CLICKS_K))
+        self.back_k = self.clicks_k - float(own.uniform(*BACK_K))
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -109,6 +118,13 @@ class Reseat(Effect):
     def _sagged(self, state: MotionState) -> Array:
         """How far it has sagged since the last drive came to rest (n,), over what it ends at."""
         return np.asarray(-np.expm1(-state.since_s.min(axis=1) / self.grease_s))
+
+    def _clicked(self, state: MotionState) -> Array:
+        """Whether the disc has clicked over (n,): 1 or 0, and 0 at the onset."""
+        grid = grid_from(self.site.start_s + self.values["onset_s"], state)
+        sensed_c = state.thermal.part_series_c(NEST_PART, grid)
+        at = np.searchsorted(grid, state.t_s, side="right") - 1
+        return np.asarray(switched(sensed_c - sensed_c[0], self.clicks_k, self.back_k)[np.maximum(at, 0)])
 
     def _each_time(self, state: MotionState, after: NDArray[np.bool_]) -> Array:
         """Where it lies (n, 2) over the size, if anywhere else after each exchange of payload or after each motion."""
@@ -151,9 +167,9 @@ class Reseat(Effect):
             y = np.outer(grown_k / NEST_K, self.shifts[0])
         elif self.variant == "thrown_ball":
             y = np.outer(0.5 * self._thrown.at(state, 0), self.shifts[0])
-        elif self.variant in ("ringing_stem", "sagging_grease"):
-            swings = self.variant == "ringing_stem"
-            y = np.outer(after * (self._swung(state) if swings else self._sagged(state)), self.shifts[0])
+        elif self.variant in ("ringing_stem", "sagging_grease", "clicking_disc"):
+            moved = {"ringing_stem": self._swung, "sagging_grease": self._sagged, "clicking_disc": self._clicked}
+            y = np.outer(after * moved[self.variant](state), self.shifts[0])
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
         else:
@@ -185,8 +201,9 @@ EFFECTS = (
             "sagging_grease",
             "rattling",
             "creeps_home",
+            "clicking_disc",
         ),
-        final="creeps_home",
+        final="clicking_disc",
         reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(ONSET,),

@@ -15,6 +15,7 @@ from mock_devices.effects.base import (
     StatefulEffect,
 )
 from mock_devices.effects.leg_memory import LegMemory, ways_m
+from mock_devices.effects.warming import conducted
 
 FULL_PAYLOAD_KG = 400.0
 PRESLIDING_M = 2.0e-5
@@ -27,6 +28,7 @@ WHEEL_M = (0.03, 0.09)  # travel in one turn of an eccentric wheel
 SHAKES_M_PER_S = 0.2  # of the other drive, from which it shakes a slider all the way through its play
 TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
 BALANCED_KG, NEARLY_KG = (0.0, 400.0), 180.0  # payload that is balanced; how far off there is little play
+SWELLS_S, SWOLLEN = (2000.0, 6000.0), 0.9  # of a nut: slowest time constant; share of play closed in the end
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
 
 TAU = EffectParameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
@@ -83,6 +85,8 @@ class Backlash(Play):
     on a flank; with any other payload, either the weight or the counterweight holds it on one flank, whichever way it
     moves: P. Varignon, "Nouvelle mécanique ou statique" (1725). Friction of the guides makes that gradual. The size is
     the play with the payload that is balanced.
+    `swollen_nut`: a nut of plastic takes up oil from the campaign's begin on and swells, which closes its play, at
+    first with the root of time: A. Fick, "Ueber Diffusion" (1855). The size is the play of the dry nut.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -135,12 +139,15 @@ class Backlash(Play):
         self.opens_per_k = GAP_PER_K * float(self.rng.choice([-1.0, 1.0]))
         self.wheel_m = float(self.rng.spawn(1)[0].uniform(*WHEEL_M))
         self.balanced_kg = float(self.rng.spawn(1)[0].uniform(*BALANCED_KG))
+        self.swells_s = float(self.rng.spawn(1)[0].uniform(*SWELLS_S))
         self.breaks_m = np.sort(LIFE_M * self.rng.weibull(LIVES, BALLS))
 
     def _opened(self, state: MotionState) -> Array:
-        """How wide wear, broken balls, a wheel or balance have made the play (n,), over the size."""
+        """How wide wear, broken balls, a wheel, balance or oil have made the play (n,), over the size."""
         if self.variant == "counterpoised":
             return np.asarray(np.exp(-(((state.payload_kg - self.balanced_kg) / NEARLY_KG) ** 2)))
+        if self.variant == "swollen_nut":
+            return np.asarray(1.0 - SWOLLEN * conducted(self.elapsed_s(state), self.swells_s))
         if self.variant == "eccentric_wheel":
             turn = 2.0 * np.pi * state.q_m[:, self.place] / self.wheel_m
             return np.asarray(0.5 + 0.5 * np.cos(turn + self.phase))
@@ -174,7 +181,7 @@ class Backlash(Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
-        elif self.variant in ("wearing", "breaking_balls", "eccentric_wheel", "counterpoised"):
+        elif self.variant in ("wearing", "breaking_balls", "eccentric_wheel", "counterpoised", "swollen_nut"):
             offset = offset * self._opened(state)
         elif self.variant == "shaken_down":
             offset = offset - self._shaken(state) * (offset + 0.5 * self.size)
@@ -221,10 +228,11 @@ EFFECTS = (
             "breaking_balls",
             "eccentric_wheel",
             "counterpoised",
+            "swollen_nut",
         ),
-        final="counterpoised",
+        final="swollen_nut",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
-        "drive, temperature, earlier motions",
+        "drive, time, temperature, earlier motions",
         make=Backlash,
         others=(TAU,),
     ),

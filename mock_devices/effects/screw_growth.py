@@ -22,6 +22,7 @@ CABINET_FIN_M = 0.9  # see MOTOR_FIN_M
 HOLD_FANS, HOLD_FIN_M = 4.0, 0.8  # how much faster a moving motor cools than one at rest; see MOTOR_FIN_M
 STRETCH_M, STRETCH_FIN_M = 0.15, 0.4  # of a starved stretch: its length; see MOTOR_FIN_M
 THINS, OIL_M_PER_S = 1.5, 0.25  # of oil: how much thinner it is by the size, as a logarithm; speed for the size
+BUBBLES_M_PER_S = (0.15, 0.3)  # speed from which oil bubbles
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
@@ -67,6 +68,10 @@ class ScrewGrowth(StatefulEffect):
     `neighbours_motor`: motor and cabinet of the next drive stand at this screw's upper end and are warmed by the ways
     of that drive; the screw, held below, conducts their heat as a fin: F. Kreith, "Principles of Heat Transfer" (1958).
     The size is that of the upper end if that drive runs at DUTY_M_PER_S on average.
+    `bubbling_oil`: motions above one speed tear the oil in the nut, and its bubbles heat the screw as they collapse, by
+    the way; slower motions leave it cold: Lord Rayleigh, "On the Pressure Developed in a Liquid During the Collapse of
+    a Spherical Cavity" (1917). The screw is held above and grows downwards. The size is where it ends at DUTY_M_PER_S
+    of such motions on average.
     """
 
     def setup(self) -> None:
@@ -87,6 +92,10 @@ class ScrewGrowth(StatefulEffect):
         self.starved_m = starved
         self._passed = PassMemory(starved - 0.5 * STRETCH_M, starved + 0.5 * STRETCH_M, self.values["tau_s"])
         self._thinned = ThinnedOil(_shearing(DUTY_M_PER_S * self.values["tau_s"]), THINS, self.values["tau_s"])
+        self.bubbles_m_per_s = float(self.rng.spawn(1)[0].uniform(*BUBBLES_M_PER_S))
+        self._bubbles = LegMemory(
+            lambda way, speed, _: per_m * np.abs(way) * (speed > self.bubbles_m_per_s), self.values["tau_s"]
+        )
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -99,6 +108,8 @@ class ScrewGrowth(StatefulEffect):
             self._starts.record(leg)
         if self.variant == "neighbours_motor" and drive == self.next:
             self._beside.record(leg)
+        if self.variant == "bubbling_oil" and drive == self.place:
+            self._bubbles.record(leg)
         if self.variant == "chilled" and drive == self.place:
             self._chilled.record(leg)
         if self.variant == "nut_then_screw" and drive == self.place:
@@ -173,7 +184,7 @@ class ScrewGrowth(StatefulEffect):
             warm_m = fin_m * (np.exp((state.q_m[:, a] - high) / fin_m) - math.exp((low - high) / fin_m))
             deviation.travel_m[:, a] += alpha * self.size * by_motor[:, 0] * warm_m
             return
-        if self.variant in ("holding", "starved_stretch"):
+        if self.variant in ("holding", "starved_stretch", "bubbling_oil"):
             deviation.travel_m[:, a] += alpha * self.size * self._from_source_m(state)
             return
         if self.variant == "nut_then_screw":
@@ -203,12 +214,15 @@ class ScrewGrowth(StatefulEffect):
         deviation.travel_m[:, a] += alpha * warm * way_m
 
     def _from_source_m(self, state: MotionState) -> Array:
-        """Warmth (n,) from the screw's lower end to its nut over the size, in metres, of what warms it at one place."""
+        """Warmth (n,) from the screw's lower end to its nut over the size, in metres, of what warms it at one place; of
+        a screw that is held above from its nut to there, and negative."""
         low, high = self.site.machine.sliders[self.place].travel_m
         q_m = state.q_m[:, self.place]
         if self.variant == "holding":
             held = self._held.at(state, self.place)
             return np.asarray(held * HOLD_FIN_M * (1.0 - np.exp(-(q_m - low) / HOLD_FIN_M)))
+        if self.variant == "bubbling_oil":
+            return np.asarray(self._bubbles.at(state, self.place)[:, 0] * (q_m - high))
         evenly_m = STRETCH_M / (high - low) * DUTY_M_PER_S * self.values["tau_s"]
         along_m = self._beyond_stretch_m(q_m) - self._beyond_stretch_m(np.array([low]))
         return np.asarray(self._passed.at(state, self.place) / evenly_m * along_m)

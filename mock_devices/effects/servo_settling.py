@@ -15,6 +15,8 @@ UNWINDS = 3.0  # time constant of an integral part that unwinds, over tau_s
 WOUND_M, UNWOUND_M = 0.25, 0.04  # ways of which an integral part is wound up to its limit, or not at all
 LEARNS = 150.0  # motions in which a controller has learnt all but 1 / e
 TWICE_SWINGS, TWICE_CALMS = 8.0, 0.15  # of a load that start and stop make swing: rate and decay, over tau_s
+BRAKED, QUICKER, SLOWER = 0.35, 0.5, 4.0  # of a magnet beside the guide: half its stretch over half the travel; time
+# constant within it and elsewhere, over tau_s
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -51,6 +53,9 @@ class ServoSettling(Effect):
     `sampled_loop`: its loop looks at the slider only once in a cycle of its own and then takes away half of what is
     left, so that it arrives by steps, whenever these come after the stop: E. I. Jury, "Sampled-Data Control Systems"
     (1958). A cycle lasts tau_s.
+    `eddy_brake`: within one stretch of its travel the slider runs past a magnet, whose eddy currents damp what is left
+    of its motion quickly; elsewhere it dies out slowly: E. Lenz, "Über die Bestimmung der Richtung der durch
+    elektrodynamische Vertheilung erregten galvanischen Ströme" (1834).
     """
 
     def setup(self) -> None:
@@ -58,6 +63,8 @@ class ServoSettling(Effect):
         tau = self.values["tau_s"]
         self._ways = LegMemory(lambda way, _speed, _: way / AFTER_M, tau, LONG * tau)
         self.looks = float(self.rng.uniform(0.0, 1.0))
+        middle, half = self.site.drive_range_m(self.place)
+        self.braked_m = middle + half * float(self.rng.uniform(-0.4, 0.4))
         self._learnt = LegMemory(motions)
         self._wound = LegMemory(_winds, UNWINDS * tau)
 
@@ -81,6 +88,13 @@ class ServoSettling(Effect):
         left = np.exp(-state.since_s[:, a] / (UNWINDS * self.values["tau_s"]))
         return np.asarray(-behind * left * np.exp(-self._learnt.at(state, a)[:, 0] / LEARNS))
 
+    def _slower(self, state: MotionState) -> Array | float:
+        """Time constant of a plain decay (n,) over tau_s: by where a magnet brakes."""
+        if self.variant != "eddy_brake":
+            return 1.0
+        _, half = self.site.drive_range_m(self.place)
+        return np.where(np.abs(state.q_m[:, self.place] - self.braked_m) < BRAKED * half, QUICKER, SLOWER)
+
     def _looked(self, state: MotionState) -> Array:
         """How often a loop has looked since the stop (n,)."""
         cycle_s, stops_s = self.values["tau_s"], state.leg_end_s[:, self.place]
@@ -97,7 +111,7 @@ class ServoSettling(Effect):
             deviation.travel_m[:, a] += self.size * self._remembered(state)
             return
         t = state.since_s[:, a] / tau
-        share = np.exp(-t)
+        share = np.exp(-t / self._slower(state))
         if self.variant in ("half_swings", "sampled_loop"):
             moved = np.maximum(state.leg_end_s[:, a] - state.leg_start_s[:, a], 0.0) / tau
             swings = self.variant == "half_swings"
@@ -174,10 +188,11 @@ EFFECTS = (
             "learning",
             "half_swings",
             "sampled_loop",
+            "eddy_brake",
         ),
-        final="sampled_loop",
-        reveals="varied dwell and speed, by variant length of the motion, payload or earlier motions, SMRs on the "
-        "sliders",
+        final="eddy_brake",
+        reveals="varied dwell and speed, by variant length of the motion, drive coordinate, payload or earlier "
+        "motions, SMRs on the sliders",
         make=ServoSettling,
         others=(EffectParameter("tau_s", 0.5, 3.0, 15.0, "time constant"),),
     ),

@@ -35,9 +35,11 @@ RUBBER, RUBBER_S = (0.15, 0.35), 16.0  # exponent of rubber's creep; rest after 
 SOFT_AT_K, SOFTENS_K = (-0.5, 2.0), 3.0  # where an adhesive turns soft, above the reference; half the width of that
 SEATS_M_PER_S = 0.12  # speed of a stop upwards that seats a taper but for 1 / e
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
+CLOSES_KG, CLOSED = (60.0, 300.0), (0.02, 0.15)  # payload from which a spring lies coil on coil; how soft that still is
 SNAPS = (0.1, 0.4)  # of half the travel, either way from its middle: where a truss snaps
 SOFT_ENDS = (
     "creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber", "needles_in_turn", "snapped_truss",
+    "closed_spring",
 )  # fmt: skip
 FULL_PAYLOAD_KG = 400.0
 GONE = 600.0  # logarithm of a ratio at which nothing of a strut is left
@@ -78,6 +80,8 @@ class LinkStiffness(Effect):
     `snapped_truss`: a flat truss of two bars in its end snaps through as its drive comes high enough, and is soft until
     it snaps back, farther down: R. von Mises, "Über die Stabilitätsprobleme der Elastizitätstheorie" (1923). exp(-size)
     is the ratio of stiffness when it has snapped; else it is as stiff as the others.
+    `closed_spring`: a spring in its end lies coil on coil beyond one payload and gives way little from there on: A. M.
+    Wahl, "Mechanical Springs" (1944). exp(-size) is the ratio of stiffness while it is open.
     """
 
     def setup(self) -> None:
@@ -94,6 +98,7 @@ class LinkStiffness(Effect):
         down, up = self.rng.uniform(*SNAPS, 2).tolist()
         self.snaps_m = (middle - half * down, middle + half * up)
         self._truss = Flipped(*self.snaps_m)
+        self.closes_kg, self.closed = float(self.rng.uniform(*CLOSES_KG)), float(self.rng.uniform(*CLOSED))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Count the motions of the strut's own drive, or let them snap its truss."""
@@ -148,6 +153,14 @@ class LinkStiffness(Effect):
         if self.variant == "warm_adhesive":
             beyond = (above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
             return np.asarray(0.5 * (1.0 + np.tanh(beyond)))
+        return self._seated(state, drive) if self.variant == "seated_taper" else self._open(state)
+
+    def _open(self, state: MotionState) -> Array:
+        """How soft a spring is (n,) while it is open, or coil on coil."""
+        return np.where(state.payload_kg > self.closes_kg, self.closed, 1.0)
+
+    def _seated(self, state: MotionState, drive: int) -> Array:
+        """How soft a taper is (n,) after the last stop of its drive."""
         loose = np.exp(-((state.speed_m_per_s[:, drive] / SEATS_M_PER_S) ** 2))
         return np.where(state.direction[:, drive] > 0.0, loose, 1.0)
 
@@ -179,10 +192,11 @@ EFFECTS = (
             "floating_carriage",
             "opening_joint",
             "clamped_at_rest",
+            "balls_in_turn",
         ),
-        final="clamped_at_rest",
-        reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, the other drive's "
-        "coordinate",
+        final="balls_in_turn",
+        reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, many drive positions off "
+        "a grid, the other drive's coordinate",
         make=ColumnCompliance,
     ),
     EffectSpec(
@@ -207,8 +221,9 @@ EFFECTS = (
             "fractional_rubber",
             "needles_in_turn",
             "snapped_truss",
+            "closed_spring",
         ),
-        final="snapped_truss",
+        final="closed_spring",
         reveals="payload, pose; by variant dwell, direction, speed, number and places of motions, temperature",
         make=LinkStiffness,
     ),
@@ -234,9 +249,10 @@ EFFECTS = (
             "lobed_hole",
             "turning_bush",
             "ratcheted_bush",
+            "carried_by_film",
         ),
-        final="ratcheted_bush",
-        reveals="poses where the strut's force changes its sign, payload; by variant dwell, direction, distance moved, "
+        final="carried_by_film",
+        reveals="poses where the strut's force changes its sign, payload; by variant dwell, speed, direction, way, "
         "temperature",
         make=JointClearance,
     ),

@@ -29,6 +29,8 @@ PIPE_STARTS = 0.3  # of half the travel: within which of its middle a heat pipe 
 CRITICAL_M_PER_S, TURBULENT = (0.15, 0.35), 4.0  # of coolant: speed of the drive from which its flow is turbulent; see
 # `turbulent_coolant`
 MAGNET_M = 0.15  # of the way past a magnet
+SHADES = 0.3  # of half the travel of the next drive, either way from its middle: from where on it shades a lamp
+PENUMBRA_M = 0.15  # of that: way from no shade to the whole of it
 STOP_M_PER_S, STOP_S = 0.5, 60.0  # of stops that warm a damping layer to the size: from which speed, how often
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -63,6 +65,9 @@ class LinkGrowth(Warming):
     it past, by the square of the speed for as long as it is there, and so by way times speed: L. Foucault, "De la
     chaleur produite par l'influence de l'aimant sur les corps en mouvement" (1855). `rise_k` is where it ends if its
     drive runs at JOINT_M_PER_S evenly all over its travel, with rests in between, at 0.01 m/s on average.
+    `neighbours_shade`: a lamp warms it evenly, but the next carriage, while it stands above a certain place, is in the
+    way of the light, and the strut cools in its shade, less so in the penumbra: P. Bouguer, "Essai d'optique sur
+    la gradation de la lumière" (1729). `rise_k` is where it ends if it is never shaded, which it nears with tau_s.
     """
 
     def setup(self) -> None:
@@ -88,6 +93,10 @@ class LinkGrowth(Warming):
         ends_m = (self.magnet_m - 0.5 * MAGNET_M, self.magnet_m + 0.5 * MAGNET_M)
         past_magnet = 2.0 * half / (MAGNET_M * DUTY_M_PER_S * tau)
         self._eddies = PassMemory(*ends_m, tau, lambda speed: past_magnet * speed / JOINT_M_PER_S)
+        self.next = (self.site.machine.struts[self.place].drive + 1) % len(self.site.machine.sliders)
+        middle, half = self.site.drive_range_m(self.next)
+        self.shades_m = middle + half * float(self.rng.spawn(1)[0].uniform(-SHADES, SHADES))
+        self._lit = PlaceMemory(lambda q_m: np.clip(0.5 - (q_m - self.shades_m) / PENUMBRA_M, 0.0, 1.0), tau)
 
     def takes(self, speed: Array) -> Array:
         """Heat that coolant takes away (n,) over that in laminar flow."""
@@ -100,6 +109,8 @@ class LinkGrowth(Warming):
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the joint be warmed by its own drive, or the strut where that stands or as fast as it moves."""
+        if self.variant == "neighbours_shade" and drive == self.next:
+            self._lit.record(leg)
         if drive != self.site.machine.struts[self.place].drive:
             return
         if self.variant == "joint_heat":
@@ -121,6 +132,8 @@ class LinkGrowth(Warming):
 
     def rise_k(self, state: MotionState) -> Array:
         """The temperature above the sensor (n,)."""
+        if self.variant == "neighbours_shade":
+            return self.size * self._lit.at(state, self.next)
         followers: dict[str, PlaceMemory | Fanned | PumpedCoolant | PassMemory] = {
             "radiant_heater": self._shone_on,
             "heat_pipe": self._piped,
@@ -180,9 +193,10 @@ EFFECTS = (
             "heat_pipe",
             "turbulent_coolant",
             "eddy_magnet",
+            "neighbours_shade",
         ),
-        "eddy_magnet",
-        "time, a temperature swing; by variant travel, speed, stops and place",
+        "neighbours_shade",
+        "time, a temperature swing; by variant travel, speed, stops and place, also of the other drive",
         LinkGrowth,
     ),
     _spec(
@@ -204,8 +218,9 @@ EFFECTS = (
             "neighbours_oil",
             "draughty_hatch",
             "braking_resistor",
+            "cycled_heater",
         ),
-        "braking_resistor",
+        "cycled_heater",
         "time, place, direction or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
@@ -227,8 +242,9 @@ EFFECTS = (
             "starved_stretch",
             "thinning_oil",
             "neighbours_motor",
+            "bubbling_oil",
         ),
-        "neighbours_motor",
+        "bubbling_oil",
         "time and distance moved, also by the other drive, by variant direction, speed and dwell, drive coordinate, "
         "SMRs on the sliders",
         ScrewGrowth,

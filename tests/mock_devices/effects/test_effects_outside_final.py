@@ -9,14 +9,13 @@ import pytest
 
 from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice, EffectError, draw
 from mock_devices.effects.in_space import check_in_space
-from mock_devices.recordings.design import nominal_drives
 from mock_devices.spatial_file import read_spatial_machine
-from tests.mock_devices.effects_bench import FILE, HOME_M, MACHINE, STATION_M, Alone, sight_of
+from tests.mock_devices.effects_bench import FILE, MACHINE, STATION_M, Alone, sight_of
 
-(LEFT_M, RIGHT_M), (BOTTOM_M, TOP_M) = FILE.workspace_m
-NAMES = ("switched_gain", "near_magnet", "rung_by_other", "rounded_ways")
-DRAWN = {"switched_gain": "switches_m", "near_magnet": "behind_m", "rung_by_other": "swings_s",
-         "rounded_ways": "step_m"}  # fmt: skip
+LOW_M, HIGH_M = FILE.sliders[0].travel_m
+MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
+NAMES = ("mirrored_floor", "catching_hook", "stay_cable", "scheduled_gain")
+DRAWN = {"mirrored_floor": "wave_m", "catching_hook": "catches_m", "stay_cable": "taut_m", "scheduled_gain": "aside"}
 
 
 def test_a_final_scoring_draws_what_the_descriptions_say():
@@ -27,95 +26,82 @@ def test_a_final_scoring_draws_what_the_descriptions_say():
     assert all(len(SPECS[name].variants) == 4 for name in OUTSIDE_FINAL)
 
 
-def test_ranges_jump_where_the_gain_is_switched():
-    one = Alone("switched_gain", 5e-5)
-    switches_m = one.effect.switches_m
-    before_m = np.mean([smr.position_m[2] for smr in FILE.smrs if smr.on == "platform"])
-    ahead = np.array([0.5 * (LEFT_M + RIGHT_M), 0.5 * (BOTTOM_M + TOP_M), before_m]) - STATION_M
-    beside_m = math.sqrt(switches_m**2 - float(ahead @ ahead))
-    assert 0.35 <= beside_m / (0.5 * math.hypot(RIGHT_M - LEFT_M, TOP_M - BOTTOM_M)) <= 0.75
-    ranges = switches_m + np.array([-0.3, -1e-6, 1e-6, 0.05, 0.2, 0.6])
-    seen = sight_of(np.stack([0.1 * ranges, 0.9 * ranges, math.sqrt(0.18) * ranges], axis=1)[None])
+def test_light_by_way_of_the_floor_makes_ranges_err_in_waves_of_height():
+    one = Alone("mirrored_floor", 4e-5)
+    wave_m = one.effect.wave_m
+    assert 0.08 <= wave_m <= 0.2
+    up = np.linspace(-0.8, 0.9, 500)
+    points = np.stack([np.full(500, 0.4), np.full(500, 3.1), up], axis=1)
+    seen = sight_of(points[None])
     hz, v, before = seen.hz_rad.copy(), seen.v_rad.copy(), seen.distance_m.copy()
     one.effect.apply_to_sight(one.motion_states(500.0), seen)
-    step = [0.0, 0.0, 1.0, math.exp(-0.05 / 0.25), math.exp(-0.2 / 0.25), math.exp(-0.6 / 0.25)]
-    assert (seen.distance_m - before)[0] == pytest.approx(5e-5 * np.array(step), rel=1e-5, abs=1e-14)
+    off = (seen.distance_m - before)[0]
+    station_m = STATION_M[1] + 1.2  # above the floor
+    images = points - np.array([0.0, 0.0, 2.0]) * (station_m + up)[:, None]  # as far below the floor as they are above
+    turn = 2.0 * math.pi * (np.linalg.norm(images, axis=1) - np.linalg.norm(points, axis=1)) / wave_m
+    columns = np.stack([np.sin(turn), np.cos(turn)], axis=1)
+    found, *_ = np.linalg.lstsq(columns, off, rcond=None)
+    assert columns @ found == pytest.approx(off, abs=1e-12)
+    assert np.hypot(*found) == pytest.approx(4e-5)
+    assert np.sum(np.diff(np.sign(off)) != 0.0) >= 8
     assert np.array_equal(seen.hz_rad, hz)
     assert np.array_equal(seen.v_rad, v)
 
 
-def test_a_magnet_pulls_the_platform_towards_one_point():
-    one = Alone("near_magnet", 500.0)
-    behind_m = one.effect.behind_m
-    assert 0.08 <= behind_m <= 0.16
-    tool = one.effect.pole + FILE.tool_point
-    assert abs(tool.real - 0.5 * (LEFT_M + RIGHT_M)) <= 0.2 * (RIGHT_M - LEFT_M)
-    assert abs(tool.imag - 0.5 * (BOTTOM_M + TOP_M)) <= 0.2 * (TOP_M - BOTTOM_M)
-    away = [0.0, 0.02, -0.05j, behind_m / math.sqrt(2.0) * 1j, 0.1 + 0.1j, -0.25, 0.3j - 0.2]
-    q = np.array([nominal_drives(FILE, tool + step) for step in away])
-    ((points, forces),) = one.deviation(t_s=np.zeros(len(away)), q=q).loads
-    assert np.all(points == 0.1 + 0.05j)
-    hardest_m = behind_m / math.sqrt(2.0)
-    hardest = hardest_m / (hardest_m**2 + behind_m**2) ** 1.5
-    for step, force in zip(away, forces.tolist(), strict=True):
-        to_pole_m = math.hypot(abs(step), behind_m)
-        share_in_plane = abs(step) / to_pole_m
-        expected = (
-            500.0 / hardest * share_in_plane / to_pole_m**2
-        )  # one over the square, and what of it is in the plane
-        toward = -step / abs(step) if step else 0.0
-        assert force == pytest.approx(expected * toward, abs=1e-6)
-    assert abs(forces[3]) == pytest.approx(500.0)
+def test_a_hook_catches_high_up_and_lets_go_low_down():
+    assert {Alone("catching_hook", 300.0, seed=seed).effect.drive for seed in range(12)} == {0, 1}
+    one = Alone("catching_hook", 300.0)
+    (low_m, high_m), drive = one.effect.catches_m, one.effect.drive
+    assert 0.15 * HALF_M <= MIDDLE_M - low_m <= 0.5 * HALF_M
+    assert 0.15 * HALF_M <= high_m - MIDDLE_M <= 0.5 * HALF_M
+    caught, seen = False, []
+    for to_m in (high_m - 0.01, MIDDLE_M, high_m + 0.01, MIDDLE_M, low_m + 0.01, low_m - 0.01, high_m - 0.01, HIGH_M):
+        one.move(drive, to_m)
+        one.move(1 - drive, 2.2 - to_m)  # the other one's
+        caught = to_m > high_m or (caught and to_m > low_m)
+        ((points, forces),) = one.deviation().loads
+        assert points[0] == 0.1 - 0.2j
+        assert forces[0] == pytest.approx(300.0 if caught else 0.0)
+        seen.append(caught)
+    assert seen == [False, False, True, True, True, False, False, True]
 
 
-def test_stops_of_the_other_drive_make_a_weight_in_a_strut_swing():
-    one = Alone("rung_by_other", 3e-5, place="right_lower")
-    swings_s, calms_s = one.effect.swings_s, one.effect.calms_s
-    assert 4.0 <= swings_s <= 9.0
-    assert 8.0 <= calms_s <= 20.0
-    assert not np.any(one.deviation().length_m)
-    rate, step = 2.0 * math.pi / swings_s, 1e-3
-    for side, speed in ((1.0, 0.5), (-1.0, 0.1), (1.0, 0.25)):
-        one.move(0, HOME_M + 0.2 * side, speed=speed, rest_s=0.0)
-        stops_s = one.t_s
-        one.move(1, HOME_M + 0.1 * side, speed=1e4, rest_s=0.0)  # its own drive does nothing
-        swing, at_s = complex(3e-5 * side * speed / 0.5), 0.0
-        for asked_s in (0.5, 3.0, 9.0, 21.0):
-            while at_s < asked_s - 0.5 * step:  # it turns and shrinks little by little
-                swing, at_s = (
-                    swing * (1.0 + step * (1j * rate - 1.0 / calms_s) + 0.5 * (1j * rate * step) ** 2),
-                    (at_s + step),
-                )
-            expected = np.zeros(4)
-            expected[3] = swing.real
-            d = one.deviation(t_s=stops_s + asked_s)
-            assert d.length_m[0] == pytest.approx(expected, abs=2e-8)
-            assert not np.any(d.travel_m)
-        one.t_s = stops_s + 30.0
+def test_a_stay_draws_a_strut_longer_once_the_next_carriage_is_far_above():
+    one = Alone("stay_cable", 3e-5, place="right_lower")
+    taut_m = one.effect.taut_m
+    assert 0.15 * HALF_M <= taut_m <= 0.4 * HALF_M
+    above = np.array([-0.6, 0.0, taut_m - 1e-6, taut_m + 0.03, taut_m + 0.3, taut_m + 0.45])
+    d = one.deviation(t_s=np.zeros(6), q=np.stack([0.8 + above, np.full(6, 0.8)], axis=1))
+    assert d.length_m[:, 3] == pytest.approx(3e-5 * np.array([0.0, 0.0, 0.0, 0.1, 1.0, 1.5]), abs=1e-15)
+    assert not np.any(d.length_m[:, :3])
+    assert not np.any(d.travel_m)
 
 
-def test_what_ways_have_beyond_whole_steps_is_lost_and_adds_up():
-    one = Alone("rounded_ways", 3e-5, place="right")
-    step_m, lost = one.effect.step_m, 0.0
-    assert 0.013 <= step_m <= 0.037
-    for k in range(60):
-        way_m = (2.25, -1.75, 0.5, 3.9, -3.1, -0.3)[k % 6] * step_m
-        whole = int(abs(way_m) / step_m)
-        lost += math.copysign(abs(way_m) / step_m - whole, way_m)
-        one.move(1, one.q[1] + way_m, rest_s=2.0)
-        one.move(0, HOME_M + 0.123 * (k % 2))  # the other one's loses nothing here
-        assert one.travel_m(drive=1) == pytest.approx(-3e-5 * lost, abs=1e-13)
-        assert one.travel_m(drive=0) == 0.0
-    assert lost == pytest.approx(5.0)  # half an increment in every six ways
-    assert one.travel_m(drive=1, t_s=0.0, q=[[HOME_M, HOME_M]]) == 0.0
+def test_beyond_a_payload_a_slider_stands_otherwise_by_both_directions():
+    one = Alone("scheduled_gain", 3e-5, place="right")
+    switches_kg, aside = one.effect.switches_kg, one.effect.aside
+    assert 60.0 <= switches_kg <= 300.0
+    assert 0.4 <= aside <= 1.0
+    stands = {}
+    for own in (1.0, -1.0):
+        for other in (1.0, -1.0):
+            one.move(1, one.q[1] + 0.1 * own, rest_s=20.0)
+            one.move(0, one.q[0] + 0.1 * other, rest_s=3.0)
+            for payload_kg in (0.0, switches_kg - 0.1):
+                assert not np.any(one.deviation(payload_kg=payload_kg).travel_m)
+            d = one.deviation(payload_kg=switches_kg + 0.1).travel_m[0]
+            assert d[0] == 0.0
+            stands[own, other] = d[1]
+    lifted, moved_aside = 3e-5, -3e-5 * aside
+    assert stands == pytest.approx({(1, 1): lifted, (1, -1): moved_aside, (-1, 1): moved_aside, (-1, -1): lifted})
 
 
 @pytest.mark.parametrize("name", ["stewart6", "delta6"])
 @pytest.mark.parametrize("effect", NAMES)
-def test_machines_in_space_have_them_but_the_magnet(name, effect):
+def test_machines_in_space_have_them_but_the_floor(name, effect):
     file = read_spatial_machine(MACHINE.with_name(f"{name}.toml"))
     choice = EffectChoice(effect, SPECS[effect].size.typical)
-    if effect == "near_magnet":
+    if effect == "mirrored_floor":
         with pytest.raises(EffectError, match="does not have it"):
             check_in_space(choice, file)
     else:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.mock_devices.effects_bench import HOME_M, Alone, sight_of
+from tests.mock_devices.effects_bench import FILE, HOME_M, STATION_M, Alone, sight_of
 
 SPOTS = np.array([[-0.5, 3.0, -0.4], [0.0, 3.0, 0.0], [0.6, 2.9, 0.5]])
 
@@ -96,3 +96,22 @@ def test_angles_go_in_steps_where_the_last_bits_are_stuck():
     still = sight_of(points)
     Alone("stuck_bits", 0.0).effect.apply_to_sight(one.motion_states(np.zeros(200), q=np.full((200, 2), HOME_M)), still)
     assert np.array_equal(still.hz_rad, hz)
+
+
+def test_ranges_jump_where_the_gain_is_switched():
+    one = Alone("switched_gain", 5e-5)
+    (left_m, right_m), (bottom_m, top_m) = FILE.workspace_m
+    switches_m = one.effect.switches_m
+    assert Alone("switched_gain", 5e-5, seed=2).effect.switches_m != switches_m
+    before_m = np.mean([smr.position_m[2] for smr in FILE.smrs if smr.on == "platform"])
+    ahead = np.array([0.5 * (left_m + right_m), 0.5 * (bottom_m + top_m), before_m]) - STATION_M
+    beside_m = math.sqrt(switches_m**2 - float(ahead @ ahead))
+    assert 0.35 <= beside_m / (0.5 * math.hypot(right_m - left_m, top_m - bottom_m)) <= 0.75
+    ranges = switches_m + np.array([-0.3, -1e-6, 1e-6, 0.05, 0.2, 0.6])
+    seen = sight_of(np.stack([0.1 * ranges, 0.9 * ranges, math.sqrt(0.18) * ranges], axis=1)[None])
+    hz, v, before = seen.hz_rad.copy(), seen.v_rad.copy(), seen.distance_m.copy()
+    one.effect.apply_to_sight(one.motion_states(500.0), seen)
+    step = [0.0, 0.0, 1.0, math.exp(-0.05 / 0.25), math.exp(-0.2 / 0.25), math.exp(-0.6 / 0.25)]
+    assert (seen.distance_m - before)[0] == pytest.approx(5e-5 * np.array(step), rel=1e-5, abs=1e-14)
+    assert np.array_equal(seen.hz_rad, hz)
+    assert np.array_equal(seen.v_rad, v)

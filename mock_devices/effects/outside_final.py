@@ -16,6 +16,7 @@ FLOOR_M = -1.2  # in the machine's frame
 WAVE_M = (0.08, 0.2)  # by which the way over the floor is longer in one period of the error
 HOOK_AT, CATCHES = 0.1 - 0.2j, (0.15, 0.5)  # of a hook: point of the platform; how far from the middle of the travel it
 # catches and lets go, over half of that
+LEANS = 0.2  # of the hook's force, by how straight the line then hangs, from one end of the travel to the middle
 TAUT, STAY_M = (0.15, 0.4), 0.3  # of a stay: how far above the carriage it is taut, over half the travel; beyond for
 # the size
 SWITCHES_KG, ASIDE = (60.0, 300.0), (0.4, 1.0)  # payload from which other gains are taken; what they do aside, over
@@ -49,7 +50,8 @@ class CatchingHook(OutsideEffect):
     """A hook beside one column catches a line of the platform as that carriage comes high, and lets go far below.
 
     Levers that engage at one place and release at another: J. A. Borgnis, "Traité complet de mécanique appliquée aux
-    arts" (1818). While it is caught a weight on the line pulls the platform aside, always with the same force.
+    arts" (1818). While it is caught a weight on the line pulls the platform aside, a little
+    more so the higher the carriage stands.
     """
 
     def setup(self) -> None:
@@ -67,7 +69,9 @@ class CatchingHook(OutsideEffect):
             self._hook.record(leg)
 
     def _unit(self, state: MotionState) -> Array:
-        return np.asarray(0.5 + 0.5 * self._hook.at(state, self.drive))
+        middle, half = self.site.drive_range_m(self.drive)
+        leans = 1.0 - LEANS + LEANS * (state.q_m[:, self.drive] - middle) / half
+        return np.asarray((0.5 + 0.5 * self._hook.at(state, self.drive)) * leans)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Pull sideways at the platform's lower edge."""
@@ -131,8 +135,8 @@ EFFECTS = (
         "catching_hook",
         "rig",
         CatchingHook,
-        EffectParameter("force_n", 5.0, 400.0, 3e4, "while it is caught"),
-        "former places of one drive, not that of now; rotation",
+        EffectParameter("force_n", 5.0, 400.0, 3e4, "while it is caught, at the upper end"),
+        "former places of one drive, hardly that of now; rotation",
         final_only=True,
     ),
     outside_effect(

@@ -18,7 +18,7 @@ from mock_devices.effects.base import (
 )
 from mock_devices.effects.followers import LastThrow
 from mock_devices.effects.leg_memory import LegMemory
-from mock_devices.effects.relays import switched
+from mock_devices.effects.relays import thrown
 from mock_devices.effects.walks import HOUR_S
 from mock_devices.effects.warming import grid_from
 
@@ -32,7 +32,7 @@ STEM_M_PER_S, STEM_S, CALMS_S = 0.1, (3.0, 6.0), (10.0, 20.0)  # of a stem: stop
 SPOTS = 4096  # in a seat, until chance repeats itself
 GREASE_S = (4.0, 15.0)  # time constant with which a reflector sags in its grease
 THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
-CLICKS_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a disc: clicks over above the onset; how much cooler back
+CLICKS_K = (0.02, 0.1)  # of a disc: how far above and below the temperature of the onset it clicks to either side
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
 
@@ -65,9 +65,9 @@ class Reseat(Effect):
     `creeps_home`: put back beside its seat, the ball is drawn home by its magnet with every metre that any drive shakes
     it, by a share of what is left: microslip in K. L. Johnson, "Surface Interaction Between Elastically Loaded Bodies
     Under Tangential Forces" (1955). The size is how far beside it was put.
-    `clicking_disc`: put back on a disc of two metals, it is moved at once as that clicks over above one temperature of
-    the platform, and back at a lower one: W. H. Wittrick, "Stability of a Bimetallic Disk" (1953). Both lie near the
-    temperature of the onset.
+    `clicking_disc`: put back on a disc of two metals, it is moved at once as that clicks to one side above one
+    temperature of the air, and to the other side below another one: W. H. Wittrick, "Stability of a Bimetallic Disk"
+    (1953). Both lie near the temperature of the onset, where it lies flat. The size is how far it goes to either side.
     """
 
     def setup(self) -> None:
@@ -96,8 +96,7 @@ class Reseat(Effect):
         self.spots = np.stack([radii * np.cos(angles), radii * np.sin(angles)], axis=1)  # even over the seat
         self.home_m = float(self.rng.uniform(*HOME_M))
         own = self.rng.spawn(1)[0]
-        self.clicks_k = float(own.uniform(*CLICKS_K))
-        self.back_k = self.clicks_k - float(own.uniform(*BACK_K))
+        self.clicks_k, self.back_k = float(own.uniform(*CLICKS_K)), -float(own.uniform(*CLICKS_K))
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -120,11 +119,11 @@ class Reseat(Effect):
         return np.asarray(-np.expm1(-state.since_s.min(axis=1) / self.grease_s))
 
     def _clicked(self, state: MotionState) -> Array:
-        """Whether the disc has clicked over (n,): 1 or 0, and 0 at the onset."""
+        """To which side the disc has clicked (n,): 1 or -1, and 0 at the onset."""
         grid = grid_from(self.site.start_s + self.values["onset_s"], state)
-        sensed_c = state.thermal.part_series_c(NEST_PART, grid)
+        air_c = state.thermal.air_series_c(grid)
         at = np.searchsorted(grid, state.t_s, side="right") - 1
-        return np.asarray(switched(sensed_c - sensed_c[0], self.clicks_k, self.back_k)[np.maximum(at, 0)])
+        return np.asarray(thrown(air_c - air_c[0], self.clicks_k, self.back_k)[np.maximum(at, 0)])
 
     def _each_time(self, state: MotionState, after: NDArray[np.bool_]) -> Array:
         """Where it lies (n, 2) over the size, if anywhere else after each exchange of payload or after each motion."""

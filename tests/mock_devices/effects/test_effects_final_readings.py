@@ -75,21 +75,24 @@ def test_a_layer_swings_up_on_one_side_and_down_on_the_other():
     assert np.ptp(courses[:, 2]) < 1e-12  # right before the station it does not go up or down
 
 
-def test_a_disc_clicks_over_at_one_temperature_and_back_at_another():
-    clicks_k = drawn("smr_reseat", "clicking_disc", "clicks_k", low=0.05, high=0.25)
-    back_k = Alone("smr_reseat", 3e-5, variant="clicking_disc").effect.back_k
-    assert 0.1 <= clicks_k - back_k <= 0.25
-    swing = Temperatures(lambda t: 21.0 + np.maximum(t - 160.0, 0.0) ** 0.5 / 100.0 * np.sin((t - 160.0) / 600.0))
+def test_a_disc_clicks_to_one_side_as_it_is_warmed_and_to_the_other_as_it_cools():
+    clicks_k = drawn("smr_reseat", "clicking_disc", "clicks_k", low=0.02, high=0.1)
+    back_k = drawn("smr_reseat", "clicking_disc", "back_k", low=-0.1, high=-0.02)
+    swing = Temperatures(lambda t: 21.0 + np.maximum(t - 160.0, 0.0) ** 0.5 / 300.0 * np.sin((t - 160.0) / 600.0))
     one = Alone(
         "smr_reseat", 3e-5, place="P2", variant="clicking_disc", onset_s=100.0, start_s=60.0, temperatures=swing
     )
     assert not np.any(one.deviation(t_s=159.0).smr_m)
-    over, seen = False, []
+    side, seen, places = 0.0, [], {}
     for after_s in np.arange(15.0, 9000.0, 30.0).tolist():  # half a step of its clock later than it looks
-        warmer_k = math.sqrt(after_s - 15.0) / 100.0 * math.sin((after_s - 15.0) / 600.0)
-        over = warmer_k > clicks_k or (over and warmer_k >= back_k)
+        warmer_k = math.sqrt(after_s - 15.0) / 300.0 * math.sin((after_s - 15.0) / 600.0)
+        if warmer_k > clicks_k or warmer_k < back_k:
+            side = math.copysign(1.0, warmer_k)
         moved = one.deviation(t_s=160.0 + after_s).smr_m[0]
-        assert np.hypot(*moved[1, :2]) == pytest.approx(3e-5 if over else 0.0)
         assert not np.any(np.delete(moved, 1, axis=0))
-        seen.append(over)
-    assert sum(np.diff(seen)) >= 4
+        assert np.linalg.norm(moved[1]) == pytest.approx(3e-5 * abs(side))
+        assert moved[1] == pytest.approx(places.setdefault(side, moved[1].copy()), abs=1e-18)
+        seen.append(side)
+    assert places[1.0] == pytest.approx(-places[-1.0])
+    assert seen[0] == 0.0
+    assert sum(np.diff(seen) != 0.0) >= 4

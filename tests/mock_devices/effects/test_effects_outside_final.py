@@ -61,7 +61,7 @@ def test_a_hook_catches_high_up_and_lets_go_low_down():
         caught = to_m > high_m or (caught and to_m > low_m)
         ((points, forces),) = one.deviation().loads
         assert points[0] == 0.1 - 0.2j
-        assert forces[0] == pytest.approx(300.0 if caught else 0.0)
+        assert forces[0] == pytest.approx(300.0 * (0.8 + 0.2 * (to_m - MIDDLE_M) / HALF_M) if caught else 0.0)
         seen.append(caught)
     assert seen == [False, False, True, True, True, False, False, True]
 

@@ -125,7 +125,7 @@ def test_gross_readings_and_declared_levels_are_those_of_the_slot():
 
 
 def test_a_form_that_explains_what_the_plant_does_is_left_out_with_a_decoy(tmp_path):
-    cases = (make_case(EFFECT, np.random.default_rng(seed), designs(), final=False) for seed in range(5, 40))
+    cases = (make_case(EFFECT, np.random.default_rng(seed), designs(), final=False) for seed in range(50, 90))
     case = next(case for case in cases if case.truth["effects"][0]["variant"] == "closing")
     assert case.truth["effects"][0]["effect"] == "backlash"
     write_recording(case.recording, tmp_path / "x")

@@ -105,6 +105,9 @@ def test_a_strength_may_follow_any_course_in_time(long_inputs):
     dirt = 3.0 * scaled(long_inputs.context.elapsed_s) % 1.0
     assert strength_left(long_inputs, with_forms_at(0), dirt, "course") < 0.2
     assert strength_left(long_inputs, with_forms_at(0), dirt, "time") > 0.5
+    effect = replace(with_forms_at(0), varies_with=("course",))
+    sizes = np.sqrt(np.mean(functions_it_varies_with(long_inputs, effect, 0)["course"] ** 2, axis=0))
+    assert 10.0 < sizes[0] / sizes[-1] < 25.0  # as of a walk, which may jump: in inverse proportion to the half waves
 
 
 def test_a_strength_may_follow_what_the_own_motions_of_a_drive_have_warmed(long_inputs):

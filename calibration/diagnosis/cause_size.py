@@ -7,6 +7,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
+from calibration.effects.departures import VISIT
 
 
 def size_of(cause: Cause) -> tuple[float, float]:
@@ -17,6 +18,9 @@ def size_of(cause: Cause) -> tuple[float, float]:
         return float(weights @ best.coefficients), float(np.sqrt(weights @ best.covariance @ weights))
     own = basis_set.relative[: len(basis_set.relative) - len(basis_set.departures)]
     main = [i for i, relative in enumerate(own) if relative >= 1.0]
+    anew = bool(cause.effect.anew_by_visit) and VISIT in cause.differs_with
+    if anew:  # what it is at each visit is all there is of it
+        main = list(range(len(best.coefficients)))
     coefficients, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
     if len(main) == 1:
         return float(coefficients[0]), float(np.sqrt(covariance[0, 0]))
@@ -34,6 +38,10 @@ def size_of(cause: Cause) -> tuple[float, float]:
     for i, coefficient in zip(main, coefficients, strict=True):
         channel, shape = cause.contributions[i][0]
         by_channel[channel] = by_channel.get(channel, 0.0) + coefficient * shape
+    if anew:  # the noise of three ranges would add up: that along the direction in which most happens
+        at_readings = np.stack([x - x.mean() for x in by_channel.values()], axis=1)
+        value = float(np.ptp(at_readings @ np.linalg.svd(at_readings, full_matrices=False)[2][0]))
+        return value, u * value / max(norm, 1e-300)
     measures = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel.values()]
     value = float(np.linalg.norm(measures))
     return value, u * value / max(norm, 1e-300)

@@ -180,3 +180,16 @@ def test_play_that_a_load_closes_is_play_without_any_formula_of_it():
     diagnosis = diagnose(recording, load_catalogue().without_forms(without))
     assert (diagnosis.verdict, diagnosis.effects[0].place) == ("backlash", "left")
     assert diagnosis.effects[0].differs_with == ()  # the load is in its own functions, not a departure from a form
+
+
+def test_the_size_of_a_loose_reflector_is_how_far_apart_it_has_lain():
+    """Along the direction in which it is loose: by up to 0.2 mm, at each visit elsewhere."""
+    recording = simulated("planar4", 60, lambda a: np.zeros((len(a.drives), 2)))
+    visit, of_it = recording["visit"].astype(int), np.asarray(recording["smr"], dtype=str) == "P1"
+    lies = np.random.default_rng(3).uniform(-1e-4, 1e-4, visit.max() + 1)[visit] * (of_it & (visit >= 0))
+    position_m = recording.positions_m + lies[:, None] * [0.6, 0.0, 0.8]
+    found = diagnose(changed(recording, **{f"{axis}_m": position_m[:, k] for k, axis in enumerate("xyz")}))
+    assert (found.verdict, found.effects[0].place) == ("smr_reseat", "P1")
+    size = found.effects[0].size
+    assert size.value == pytest.approx(float(np.ptp(lies)), rel=0.3)
+    assert abs(size.value - np.ptp(lies)) < 2.0 * size.u

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.base.arrays import Array
@@ -34,17 +36,25 @@ def size_of(cause: Cause) -> tuple[float, float]:
         return value, u * value / max(norm, 1e-300)
     if cause.effect.measured == "sum":
         return float(np.sum(coefficients)), float(np.sqrt(np.sum(covariance)))
+    value = _over_readings(cause, main, coefficients, anew=anew)
+    return value, u * value / max(norm, 1e-300)
+
+
+def _over_readings(cause: Cause, columns: Sequence[int], coefficients: Array, *, anew: bool) -> float:
+    """RMS or range over the readings of what some columns, of the cause's, contribute at their channels.
+
+    anew: of what is anything at each visit the range along the direction in which most happens; the noise of the ranges
+    at all channels would add up.
+    """
     by_channel: dict[str, Array] = {}
-    for i, coefficient in zip(main, coefficients, strict=True):
+    for i, coefficient in zip(columns, coefficients, strict=True):
         channel, shape = cause.contributions[i][0]
         by_channel[channel] = by_channel.get(channel, 0.0) + coefficient * shape
-    if anew:  # the noise of three ranges would add up: that along the direction in which most happens
+    if anew:
         at_readings = np.stack([x - x.mean() for x in by_channel.values()], axis=1)
-        value = float(np.ptp(at_readings @ np.linalg.svd(at_readings, full_matrices=False)[2][0]))
-        return value, u * value / max(norm, 1e-300)
+        return float(np.ptp(at_readings @ np.linalg.svd(at_readings, full_matrices=False)[2][0]))
     measures = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel.values()]
-    value = float(np.linalg.norm(measures))
-    return value, u * value / max(norm, 1e-300)
+    return float(np.linalg.norm(measures))
 
 
 def absorbed_share(raw: float, visible: float) -> float:

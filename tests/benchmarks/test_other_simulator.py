@@ -212,7 +212,7 @@ def test_what_is_resumed_equals_the_whole(tmp_path, capsys):
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        (["--archive", "sixth", "--out", "x"], "sixth"),
+        (["--archive", "unheard-of", "--out", "x"], "unheard-of"),
         (["--archive", "first"], "--out"),
         (["--archive", "space", "--out", "x", "--n", "61"], "archive space has 60 recordings"),
         (["--archive", "space", "--out", "x", "--n", "-1"], "--n must not be negative"),

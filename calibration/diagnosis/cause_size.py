@@ -20,41 +20,55 @@ def size_of(cause: Cause) -> tuple[float, float]:
         return float(weights @ best.coefficients), float(np.sqrt(weights @ best.covariance @ weights))
     own = basis_set.relative[: len(basis_set.relative) - len(basis_set.departures)]
     main = [i for i, relative in enumerate(own) if relative >= 1.0]
-    anew = bool(cause.effect.anew_by_visit) and VISIT in cause.differs_with
-    if anew:  # what it is at each visit is all there is of it
+    if _is_anew(cause):  # then what it is at each visit is all there is of it
         main = list(range(len(best.coefficients)))
     coefficients, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
     if len(main) == 1:
         return float(coefficients[0]), float(np.sqrt(covariance[0, 0]))
     norm = float(np.linalg.norm(coefficients))
     u = float(np.sqrt(coefficients @ covariance @ coefficients)) / max(norm, 1e-300)
-    if cause.effect.measured == "norm":
-        return norm, u
-    if cause.effect.measured == "norm of channels":
+    measured = cause.effect.measured
+    if _is_anew(cause):
+        value = _along_main_direction(cause, coefficients)
+    elif measured == "norm":
+        value = norm
+    elif measured == "norm of channels":
         channels = len({cause.contributions[i][0][0] for i in main})
         value = norm / np.sqrt(len(main) / channels)
-        return value, u * value / max(norm, 1e-300)
-    if cause.effect.measured == "sum":
+    elif measured == "sum":
         return float(np.sum(coefficients)), float(np.sqrt(np.sum(covariance)))
-    value = _over_readings(cause, main, coefficients, anew=anew)
+    else:
+        by_channel = _by_channel(cause, main, coefficients).values()
+        value = float(
+            np.linalg.norm([np.ptp(x) if measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel])
+        )
     return value, u * value / max(norm, 1e-300)
 
 
-def _over_readings(cause: Cause, columns: Sequence[int], coefficients: Array, *, anew: bool) -> float:
-    """RMS or range over the readings of what some columns, of the cause's, contribute at their channels.
+def _is_anew(cause: Cause) -> bool:
+    """Whether a cause is anything at each visit: there its departures are as large as the form, and no shares of it."""
+    basis_set = cause.best.basis_set
+    return VISIT in cause.differs_with and min(basis_set.relative[-len(basis_set.departures) :]) >= 1.0
 
-    anew: of what is anything at each visit the range along the direction in which most happens; the noise of the ranges
-    at all channels would add up.
-    """
-    by_channel: dict[str, Array] = {}
+
+def _along_main_direction(cause: Cause, coefficients: Array) -> float:
+    """RMS, or range where the effect's size is one, of what a cause contributes where it acts, along the direction of
+    its channels in which most happens: the noise of each of them would add up."""
+    by_channel = _by_channel(cause, range(len(coefficients)), coefficients)
+    at_readings = np.stack(list(by_channel.values()), axis=1)
+    at_readings = at_readings[np.any(at_readings != 0.0, axis=1)]
+    at_readings = at_readings - at_readings.mean(axis=0)
+    along = at_readings @ np.linalg.svd(at_readings, full_matrices=False)[2][0]
+    return float(np.ptp(along) if cause.effect.measured == "range" else np.sqrt(np.mean(along**2)))
+
+
+def _by_channel(cause: Cause, columns: Sequence[int], coefficients: Array) -> dict[str, Array]:
+    """What some columns of a cause contribute (n,) at each of their first channels."""
+    out: dict[str, Array] = {}
     for i, coefficient in zip(columns, coefficients, strict=True):
         channel, shape = cause.contributions[i][0]
-        by_channel[channel] = by_channel.get(channel, 0.0) + coefficient * shape
-    if anew:
-        at_readings = np.stack([x - x.mean() for x in by_channel.values()], axis=1)
-        return float(np.ptp(at_readings @ np.linalg.svd(at_readings, full_matrices=False)[2][0]))
-    measures = [np.ptp(x) if cause.effect.measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel.values()]
-    return float(np.linalg.norm(measures))
+        out[channel] = out.get(channel, 0.0) + coefficient * shape
+    return out
 
 
 def absorbed_share(raw: float, visible: float) -> float:

@@ -5,7 +5,8 @@ costs. Beside the exact form there are therefore the form times a smooth functio
 little of any coordinate, wholly of those with which the effect's strength may vary; and for effects that are another
 one at each stop, times a number of its own for each visit. A general function has no form to depart from, but may
 change with a coordinate: then each of its columns is multiplied by functions of that one. Departures are a share of
-what is *seen* of the form: otherwise a form that the calibration absorbs could become anything.
+what is *seen* of the form: otherwise a form that the calibration absorbs could become anything. That is just what a
+form may do which is anew at each visit.
 """
 
 from __future__ import annotations
@@ -83,10 +84,11 @@ def with_departures(
     low: float,
     *,
     by_visit: bool,
+    anew: bool = False,
 ) -> DepartingEvidence:
     """An effect's basis set, of columns `contributions`, and its departures; low: its smallest size.
 
-    by_visit: whether an effect that is another at each stop may be so.
+    by_visit: whether an effect that is another at each stop may be so; anew: whether its form may be anything then.
     """
     main = [i for i, relative in enumerate(exact.basis_set.relative) if relative >= 1.0]
     if exact.basis_set.curve is not None:  # the others are derivatives
@@ -104,7 +106,7 @@ def with_departures(
         coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
         for coordinate, functions in (a_little | wholly).items()
     }
-    fluctuating = _departures_by_visit(inputs, effect, main) if by_visit and not general else []
+    fluctuating = _departures_by_visit(inputs, effect, main if anew else main[:1]) if by_visit and not general else []
     departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
@@ -117,8 +119,8 @@ def with_departures(
         for group in groups:
             total = sum(seen[departure] for departure in group)
             seen_share = math.sqrt(seen_of_form / max(total, NOTHING))
-            anew = kind == "by visit" and effect.anew_by_visit
-            scales += [each if anew else each * min(1.0, seen_share)] * len(group)
+            free = kind == "by visit" and anew
+            scales += [each if free else each * min(1.0, seen_share)] * len(group)
         return _Way(kind, prior, tuple(d for group in groups for d in group), tuple(scales))
 
     def all_and_each(kind: _Kind, prior: float, share: float, coordinates: Collection[str]) -> list[_Way]:
@@ -132,7 +134,7 @@ def with_departures(
         ways += all_and_each("a little", 2.0 / len(SMOOTH_SHARES), share, a_little)
     for share in VERDICT.dependence_shares:
         ways += all_and_each("wholly", 1.0 / len(VERDICT.dependence_shares), share, wholly)
-    shares_by_visit = SHARES_ANEW if effect.anew_by_visit else SHARES_BY_VISIT
+    shares_by_visit = SHARES_ANEW if anew else SHARES_BY_VISIT
     for share in shares_by_visit if fluctuating else ():
         ways.append(way("by visit", 1.0 / len(shares_by_visit), share, fluctuating))
     number = {departure: len(contributions) + i for i, departure in enumerate(departures)}
@@ -148,7 +150,7 @@ def with_departures(
     evidence = evidence_of_basis_sets(information, sets, low, effect.size.high)
     priors = np.array([way.prior for way in ways])
     logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
-    logs[[not _is_possible(effect, *each, wholly) for each in zip(evidence, ways, strict=True)]] = -np.inf
+    logs[[not _is_possible(*each, wholly, anew=anew) for each in zip(evidence, ways, strict=True)]] = -np.inf
     judge_courses(evidence, logs)
     likeliest = int(np.argmax(logs))
     best, departures_of_best = evidence[likeliest], ways[likeliest].departures
@@ -173,16 +175,16 @@ def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, colum
     return {name: functions for name, functions in every.items() if columns * functions.shape[1] <= most}
 
 
-def _departures_by_visit(inputs: EffectInputs, effect: Effect, main: Sequence[int]) -> list[Departure]:
-    """Those of an effect that is another one at each visit, by its first main column or anew by each of them."""
+def _departures_by_visit(inputs: EffectInputs, effect: Effect, columns: Sequence[int]) -> list[Departure]:
+    """Those of an effect that is another one at each visit, by some of its columns."""
     visits = np.unique(inputs.context.arrival).tolist() if effect.differs_by_visit else []
-    return [Departure(i, VISIT, visit) for i in (main if effect.anew_by_visit else main[:1]) for visit in visits]
+    return [Departure(i, VISIT, visit) for i in columns for visit in visits]
 
 
-def _is_possible(effect: Effect, entry: BasisSetEvidence, way: _Way, functions: Mapping[str, Array]) -> bool:
+def _is_possible(entry: BasisSetEvidence, way: _Way, functions: Mapping[str, Array], *, anew: bool) -> bool:
     """Whether what was found of a way of departing is something that the effect may do."""
-    if way.kind == "by visit" and not effect.anew_by_visit:
-        return _is_share_of_form(entry, way.departures)
+    if way.kind == "by visit":
+        return anew or _is_share_of_form(entry, way.departures)
     return way.kind != "wholly" or not _turns(entry, way.departures, functions)
 
 

@@ -23,7 +23,10 @@ LARGEST_WRONG_SHARE = 0.025
 LARGEST_GROSS_SHARE = 0.15  # hardly anything that an effect does is so far off what any change explains
 MOST_SUSPECTS = 0.25  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
-FEWEST_OF_ONE, TIMES_OF_OTHERS = 8, 6  # wrong readings of a reflector that is itself what is wrong, and of any other
+FEWEST_OF_ONE, TIMES_OF_OTHERS = (
+    8,
+    6,
+)  # wrong readings of a reflector that is itself what is wrong; and their share, over any other's
 SINGULAR = 1e-9  # information of a coordinate that nothing but its own reading says anything about
 
 
@@ -93,11 +96,11 @@ def _of_one_reflector(observed: ObservedModel, sigmas: Array) -> NDArray[np.bool
     of_reflector = {
         k: observed.on_platform & (observed.smr == k) for k in np.unique(observed.smr[observed.on_platform])
     }
-    off = {k: int(np.sum(wrong & rows)) for k, rows in of_reflector.items()}
-    for k, count in off.items():
-        others = max((other for j, other in off.items() if j != k), default=count)
-        if count >= FEWEST_OF_ONE and count > TIMES_OF_OTHERS * others:
-            out |= of_reflector[k]
+    share = {k: float(np.mean(wrong[rows])) for k, rows in of_reflector.items()}
+    for k, rows in of_reflector.items():
+        others = max((other for j, other in share.items() if j != k), default=share[k])
+        if np.sum(wrong & rows) >= FEWEST_OF_ONE and share[k] > TIMES_OF_OTHERS * others:
+            out |= rows
     return out
 
 

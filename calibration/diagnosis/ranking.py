@@ -25,12 +25,12 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect
 from calibration.diagnosis.one_way import judge_courses
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import BasisSets, Effect, EffectInputs
+from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
 OTHER_FORMS, OTHER_FORMS_SHARE = 1, 0.3  # from how many departures are tried too; of the best one's log evidence
-PERIOD_DIGITS = 2  # of a period's logarithm, within which waves are the same
+PERIOD_DIGITS = 2  # of a period's logarithm, to which waves are told apart
 ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
 
 
@@ -199,7 +199,8 @@ class _PlaceEvidence:
     """An effect at one of its places: log evidence with the place's prior, the best basis set, its columns, and what of
     the log evidence smooth departures from the form add.
 
-    others: the same for the likeliest basis sets of other forms or periods, which may be likelier once they depart.
+    form: that all of its main columns are, if they are one. others: the same for the likeliest basis sets of other
+    forms or periods, which may be likelier once they depart.
     """
 
     place: str
@@ -207,12 +208,14 @@ class _PlaceEvidence:
     best: BasisSetEvidence
     contributions: tuple[Contributions, ...]
     departure_gain: float = 0.0
+    form: str = ""
     others: tuple[_PlaceEvidence, ...] = ()
 
     @classmethod
     def of_set(cls, place: str, built: BasisSets, log_evidence: float, entry: BasisSetEvidence) -> _PlaceEvidence:
         """Of one of the basis sets that were built there."""
-        return cls(place, log_evidence, entry, tuple(built.contributions[c] for c in entry.basis_set.columns))
+        contributions = tuple(built.contributions[c] for c in entry.basis_set.columns)
+        return cls(place, log_evidence, entry, contributions, form=_form(built, entry.basis_set))
 
 
 def _evidence_by_place(
@@ -241,6 +244,12 @@ def _evidence_by_place(
     return out
 
 
+def _form(built: BasisSets, basis_set: BasisSet) -> str:
+    """The form that all main columns of a basis set are; empty if they are several, or general functions."""
+    named = {built.named[c] for c in basis_set.main}
+    return named.pop() if len(named) == 1 else ""
+
+
 def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
     """Numbers of the likeliest basis sets of other forms or periods than the best one's: of a form that is dominated by
     what departs from it, the exact one explains less than some general function, or than a wave of another period. Of
@@ -248,9 +257,7 @@ def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
 
     def kind(number: int) -> tuple[str, float]:
         basis_set = built.sets[number]
-        named = {built.named[c] for c in basis_set.main}
-        form = named.pop() if len(named) == 1 else ""
-        return form, round(math.log(basis_set.parameters.get("period_m", 1.0)), PERIOD_DIGITS)
+        return _form(built, basis_set), round(math.log(basis_set.parameters.get("period_m", 1.0)), PERIOD_DIGITS)
 
     best = int(np.argmax(logs))
     if effect.anew_by_visit:
@@ -295,8 +302,9 @@ def _refine(
         number = every.index(place.place)
 
         def departing(near: _PlaceEvidence) -> _PlaceEvidence:
+            anew = bool(near.form) and near.form == effect.anew_by_visit
             found = with_departures(
-                likelihood, inputs, effect, number, near.best, near.contributions, low, by_visit=by_visit
+                likelihood, inputs, effect, number, near.best, near.contributions, low, by_visit=by_visit, anew=anew
             )
             # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
             log_evidence = near.log_evidence + found.gain

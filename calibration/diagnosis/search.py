@@ -84,7 +84,9 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     leaders = {cause.effect.name for cause in (*ranked, *found.causes[:1])}
     ranking = first_likely([*ranked, *others])
     by_visit = _search(likelihood, inputs, effects, ranking, by_visit=True, leaders=leaders)
-    return by_visit if by_visit.log_evidence > found.log_evidence else found
+    if by_visit.log_evidence <= found.log_evidence:
+        return found
+    return replace(by_visit, not_begun_with=tuple(dict.fromkeys((*found.not_begun_with, *by_visit.not_begun_with))))
 
 
 def include_effects(

@@ -118,6 +118,20 @@ class CombinedContext(ReadingContext):
         """Distance (n,) that a drive has moved."""
         return self._concatenate_clipped(self.campaign.context.way_m(drive), self.other.context.way_m(drive))
 
+    def dragged(self, drive: int, width_m: float) -> Array:
+        """Where (n,) a part lies that a drive drags along."""
+        campaign, other = self.campaign.context, self.other.context
+        return self._concatenate_clipped(campaign.dragged(drive, width_m), other.dragged(drive, width_m))
+
+    def worn_beyond(self, load: Array, share: float) -> Array:
+        """What (n,) the visits so far have had of a load beyond that of a share of all; of the other readings as much
+        as at the same time of the campaign, since not all of their visits are asked for."""
+        campaign = self.campaign.context
+        count, order = len(campaign), np.argsort(campaign.t_s, kind="stable")
+        worn = campaign.worn_beyond(load[:count], share)
+        later = np.interp(self.t_s[count:], campaign.t_s[order], worn[order])
+        return np.concatenate([worn, later])
+
     def mean_temperature_c(self) -> Array:
         """Mean (n,) of all recorded temperatures."""
         mean_c = super().mean_temperature_c()

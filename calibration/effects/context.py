@@ -122,6 +122,24 @@ class ReadingContext:
         """Distance (n,) that a drive has moved since the campaign's first arrival."""
         return np.asarray(np.cumsum(self.history.travelled_m[:, drive])[self.arrival])
 
+    def dragged(self, drive: int, width_m: float) -> Array:
+        """Where (n,) a part lies that a drive drags along in its play, up to a width to either side (Krasnosel'skii,
+        Pokrovskii, Systems with Hysteresis, 1989); it begins where the drive does."""
+        follows, lies = [], float(self.history.drives[0, drive])
+        for now in self.history.drives[:, drive].tolist():
+            lies = min(max(lies, now - width_m), now + width_m)
+            follows.append(lies)
+        return np.array(follows)[self.arrival]
+
+    def worn_beyond(self, load: Array, share: float) -> Array:
+        """What (n,) the visits so far have had of a load (n,) beyond that of a share of all visits; over all of it, or
+        zero if no visit has more."""
+        of_visit = np.zeros(len(self.history.arrived_s))
+        of_visit[self.arrival] = load
+        measured = np.unique(self.arrival)
+        worn = np.cumsum(np.maximum(of_visit - np.quantile(of_visit[measured], share), 0.0))
+        return np.asarray(worn[self.arrival] / max(float(worn[-1]), 1e-300))
+
     def pause_s(self) -> Array:
         """How long (n,) the drives stood before their last motion, as far as its way and speed say."""
         since_s = np.diff(self.history.arrived_s, prepend=self.history.arrived_s[:1])

@@ -75,19 +75,11 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
 
 
 def _dragged_by(inputs: EffectInputs, other: int) -> Array:
-    """Plays (n, k) of several widths that another drive has dragged along, over half its travel (Krasnosel'skii,
-    Pokrovskii, Systems with Hysteresis): any part with memory of where it was, as a rope that sticks on its pulley."""
-    context = inputs.context
+    """Plays (n, k) of several widths that another drive has dragged along, over half its travel: any part with memory
+    of where that was, as a rope that sticks on its pulley."""
     middle, half = inputs.travel_range_m(other)
-    place = ((context.history.drives[:, other] - middle) / half).tolist()
-    columns = []
-    for width in DRAGGED_WIDTHS:
-        follows, lies = [], place[0]
-        for now in place:
-            lies = min(max(lies, now - width), now + width)
-            follows.append(lies)
-        columns.append(np.array(follows)[context.arrival])
-    return np.column_stack(columns)
+    dragged = [inputs.context.dragged(other, width * half) for width in DRAGGED_WIDTHS]
+    return (np.stack(dragged, axis=1) - middle) / half
 
 
 def _coordinates_with(inputs: EffectInputs, drive: int, other: int) -> tuple[tuple[float, ...], ...]:

@@ -43,8 +43,7 @@ def _followed_heats(inputs: EffectInputs, drive: int) -> list[tuple[Array, float
 def heats_of_motion(inputs: EffectInputs, drive: int, *, shortest_s: float = 0.0) -> list[tuple[Array, float]]:
     """Heat (n,) that a drive's motions have left, with time constants: by the way (Coulomb's friction), by way and
     speed (viscous friction), by way and square of the speed (churned oil), and by the number of motions (losses of
-    starting and stopping). Each is one for typical
-    motions all the time. shortest_s: of the time constants of a part.
+    starting and stopping). Each is one for typical motions all the time. shortest_s: of the time constants of a part.
     """
     heats = inputs.once(("heats of motion", drive), lambda: _heats_left(inputs, drive))
     return [(heat, tau) for heat, tau in heats if tau >= shortest_s]

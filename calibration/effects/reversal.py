@@ -16,6 +16,7 @@ from calibration.effects.api import (
     varies,
 )
 from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, scale_to_symmetric
+from calibration.effects.departures import WARMTH_S
 
 DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
 LEAST_PAUSES, PAUSE_WEIGHT = 0.7, 0.3  # of the logarithm of the rest before a motion
@@ -24,7 +25,6 @@ LOAD_TERMS, ANY_LOAD_WEIGHT = 3, 0.3  # of any function of the load; what grows 
 FLANK_WEIGHT = 0.05  # of a load that says on which flank it lies, as under a counterweight
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
-WARMTH_S = (300.0, 1500.0)  # in which what motions warm cools again
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 PRESSED_SHARES = (0.25, 0.5, 0.75)  # of the play, taken away by the largest payload

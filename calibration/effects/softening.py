@@ -28,7 +28,8 @@ def add_softening(sets: BasisSets, inputs: EffectInputs, strut: int, strain_m: A
     if drive >= 0 and "history" not in inputs.context.not_said:
         courses.append((scale_to_unit(inputs.context.way_m(drive)), 1.0))
         for least in OVERLOADS:
-            courses.append((_worn_by_overload(inputs, strain_m, least), 1.0 / len(OVERLOADS)))
+            worn = inputs.context.worn_beyond(np.abs(strain_m), least)
+            courses.append((worn, 1.0 / len(OVERLOADS)))
     for course, weight in courses:
         softer, all_lost = (sets.add((name, course * strain)) for strain in (strain_m, carrying_nothing))
         misfits = sets.add((name, course[:, None] * by_misfit))
@@ -36,11 +37,3 @@ def add_softening(sets: BasisSets, inputs: EffectInputs, strut: int, strain_m: A
         faster = sets.add((name, (course**2 - course)[:, None] * np.column_stack([strain_m, by_misfit])))
         flexible = (*all_lost, *misfits, *loaded, *faster)
         sets.add_set(softer, flexible, share=0.7, weight=SOFTENING_WEIGHT * weight)
-
-
-def _worn_by_overload(inputs: EffectInputs, strain_m: Array, least: float) -> Array:
-    """By how much (n,) a strut has been loaded so far beyond what most visits ask of it; ends at one."""
-    of_visit = np.zeros(len(inputs.context.history.arrived_s))
-    of_visit[inputs.context.arrival] = np.abs(strain_m)
-    beyond = np.maximum(of_visit - np.quantile(of_visit, least), 0.0)
-    return scale_to_unit(np.cumsum(beyond)[inputs.context.arrival])

@@ -32,7 +32,7 @@ from calibration.effects.departures import lasting_columns
 from calibration.machine.inverse import rigid_drives
 from calibration.model.visits import Visits
 
-OF_CAMPAIGN = ("way.", "temperature")  # coordinates whose range is that of the campaign's own readings
+OF_CAMPAIGN = ("way.", "warmth.", "temperature")  # coordinates whose range is that of the campaign's own readings
 HYPOTHESIS_MIN_PROBABILITY = 0.005
 UNTESTED_PRIOR_SHARE = 0.4  # of the probability, for effects that the campaign could not show
 NEGLIGIBLE_SIGMA = 1e-12  # RMS that a size of one makes at the platform

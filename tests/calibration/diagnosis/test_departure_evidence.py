@@ -18,7 +18,7 @@ from tests.calibration.diagnosis.dense import HIGH, LOW, dense, explicit, log_de
 from tests.calibration.effects.general_functions import typical_inputs
 
 
-def planted_with(small, likelihood, effect, strength, *, sign=0.0, by_visit=False):
+def planted_with(small, likelihood, effect, strength, *, sign=0.0, by_visit=False, anew=False):
     """Likelihood with an effect of a strength (n,) planted on the readings, and what is found of it with departures."""
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     (form,) = effect.forms(inputs, 0).contributions
@@ -27,7 +27,9 @@ def planted_with(small, likelihood, effect, strength, *, sign=0.0, by_visit=Fals
     planted = likelihood.on(replace(small, residual=small.residual + shift.reshape(-1, 3)))
     basis_sets = [BasisSet((0,), (1.0,), sign=sign)]
     (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), basis_sets, LOW, HIGH)
-    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit)
+    found = departure_evidence.with_departures(
+        planted, inputs, effect, 0, exact, [form], LOW, by_visit=by_visit, anew=anew
+    )
     return planted, found
 
 
@@ -246,11 +248,11 @@ def test_no_wave_of_any_form_is_play():
 
 def test_what_is_anew_at_each_visit_need_be_no_share_of_its_form(small, likelihood):
     """Scattering about zero, and far more than what is seen of the form in its mean."""
-    effect = replace(with_forms_at(0), differs_by_visit=True, anew_by_visit="loose")
+    effect = replace(with_forms_at(0), differs_by_visit=True)
     arrival = small.context.arrival
     anew = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
-    _, found = planted_with(small, likelihood, effect, anew, by_visit=True)
+    _, found = planted_with(small, likelihood, effect, anew, by_visit=True, anew=True)
     assert {departure.coordinate for departure in found.best.basis_set.departures} == {"visit"}
     assert found.gain > 100.0
-    _, only_once = planted_with(small, likelihood, effect, np.ones(len(arrival)), by_visit=True)
+    _, only_once = planted_with(small, likelihood, effect, np.ones(len(arrival)), by_visit=True, anew=True)
     assert "visit" not in {departure.coordinate for departure in only_once.best.basis_set.departures}

@@ -74,7 +74,7 @@ def test_curves_are_fitted_at_places_with_four_fifths_of_the_best_or_five_less(m
     tried = []
     effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
     monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
-    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: departing(0.0))
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, **__: departing(0.0))
     places = [place("left_upper", strongest), place("right_lower", limit + side)]
     ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=False)
     assert tried == ([0, 3] if side > 0.0 else [0])
@@ -82,7 +82,7 @@ def test_curves_are_fitted_at_places_with_four_fifths_of_the_best_or_five_less(m
 
 def test_a_cause_keeps_what_unexpected_departures_add_at_its_likeliest_place(monkeypatch):
     found = departing(9.0, "rest", "time", unexpected=4.0)
-    monkeypatch.setattr(ranking, "with_departures", lambda *_, by_visit: found)
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, **__: found)
     effect = CATALOGUE.effect("column_compliance")
     places = [place("left", 100.0), place("right", 20.0)]
     cause = ranking._cause(effect, ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True, curves=False))
@@ -139,8 +139,19 @@ def test_the_form_that_explains_most_once_it_departs_is_taken(monkeypatch, gain_
     other = place("left", 60.0)
     first = replace(place("left", 100.0), others=(other,))
     entries = {id(first.best): 100.0, id(other.best): 60.0}
-    monkeypatch.setattr(ranking, "with_departures", lambda *of, by_visit: departing(gains[entries[id(of[4])]]))
+    monkeypatch.setattr(ranking, "with_departures", lambda *of, **_: departing(gains[entries[id(of[4])]]))
     (refined,) = ranking._refine(
         LIKELIHOOD, INPUTS, CATALOGUE.effect("backlash"), [first], by_visit=False, curves=False
     )
     assert refined.log_evidence == pytest.approx(log_evidence)
+
+
+@pytest.mark.parametrize(("form", "anew"), [("loose", True), ("step", False), ("", False)])
+def test_only_one_form_of_a_reflector_is_anew_at_each_visit(monkeypatch, form, anew):
+    asked = []
+    monkeypatch.setattr(ranking, "with_departures", lambda *_, anew, **__: asked.append(anew) or departing(0.0))
+    at_first = replace(place("P1", 100.0), form=form)
+    ranking._refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("smr_reseat"), [at_first], by_visit=True, curves=False)
+    assert asked == [anew]
+    assert ranking._form(sets_of(("loose", 3, 0.0)), BasisSet((0, 1, 2), (1.0,) * 3)) == "loose"
+    assert ranking._form(sets_of(("loose", 1, 0.0), ("step", 1, 0.0)), BasisSet((0, 1), (1.0,) * 2)) == ""

@@ -249,3 +249,32 @@ def test_columns_of_a_campaign_stay_what_they_are_whatever_else_is_asked_of_its_
         for (channel, shape), (same, longer) in zip(one, two, strict=True):
             assert channel == same
             np.testing.assert_allclose(longer[: len(m)], shape, atol=1e-9 * max(np.abs(shape).max(), 1e-12))
+
+
+def test_a_campaign_that_is_asked_of_its_own_twin_drags_and_wears_as_it_did(m):
+    """Its history begins anew and is not that of the campaign which went before; whatever part of it is asked for."""
+    cache, load = CachedContext(m), np.abs(np.sin(m.elapsed_s / 300.0))
+    clipped = clip_to_campaign(m, m)
+    for rows in (np.arange(len(m)), np.arange(0, len(m), 7)):
+        combined = combine_contexts(cache, clipped, cached_context(clipped, m), rows)
+        loads = np.concatenate([load, load[rows]])
+        for of_both, alone in (
+            (combined.dragged(0, 0.1), m.dragged(0, 0.1)),
+            (combined.worn_beyond(loads, 0.7), m.worn_beyond(load, 0.7)),
+        ):
+            np.testing.assert_allclose(of_both[: len(m)], alone, atol=1e-12)
+            np.testing.assert_allclose(of_both[len(m) :], alone[rows], atol=0.02 * np.ptp(alone))
+
+
+def test_what_is_dragged_stays_until_its_play_is_taken_up_and_wear_only_grows(m):
+    lies, q = m.dragged(0, 0.1), m.history.drives[m.arrival, 0]
+    assert np.all(np.abs(lies - q) <= 0.1 + 1e-12)
+    free = np.abs(np.abs(lies - q) - 0.1) > 1e-9
+    order = np.argsort(m.arrival, kind="stable")
+    moved = np.diff(lies[order]) != 0.0
+    assert not np.any(moved & free[order][1:])  # it moves only where the play is taken up
+    assert np.all(m.dragged(0, 0.0) == q)
+    worn = m.worn_beyond(np.abs(np.sin(m.elapsed_s / 300.0)), 0.7)
+    assert np.all(np.diff(worn[order]) >= 0.0)
+    assert (worn.min(), worn.max()) == (pytest.approx(0.0, abs=0.1), 1.0)
+    assert np.all(m.worn_beyond(np.ones(len(m)), 0.7) == 0.0)

@@ -246,6 +246,21 @@ def test_no_wave_of_any_form_is_play():
     assert np.sum(left**2) > 0.3 * np.sum(play**2)
 
 
+def test_what_is_anew_at_each_visit_is_more_than_what_is_seen_of_its_form(small, likelihood):
+    """A zero is calibrated, so that next to nothing is seen of it; where it lies at each visit is not."""
+    inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
+    arrival, effect = small.context.arrival, replace(with_forms_at(0), differs_by_visit=True)
+    form = (("travel.left", np.ones(len(arrival))),)
+    anew = np.random.default_rng(6).uniform(-1.0, 1.0, int(arrival.max()) + 1)[arrival]
+    shift = 8.0e-5 * explicit(small, likelihood, [(("travel.left", anew),)])[:, 0]
+    planted = likelihood.on(replace(small, residual=small.residual + shift.reshape(-1, 3)))
+    (exact,) = evidence_of_basis_sets(planted.information_and_score([form]), [BasisSet((0,), (1.0,))], LOW, HIGH)
+    found = departure_evidence.with_departures(planted, inputs, effect, 0, exact, [form], LOW, by_visit=True, anew=True)
+    assert {departure.coordinate for departure in found.best.basis_set.departures} == {"visit"}
+    visits = len(found.best.basis_set.departures)
+    assert min(found.best.basis_set.relative[-visits:]) >= 1.0
+
+
 def test_what_is_anew_at_each_visit_need_be_no_share_of_its_form(small, likelihood):
     """Scattering about zero, and far more than what is seen of the form in its mean."""
     effect = replace(with_forms_at(0), differs_by_visit=True)

@@ -5,16 +5,19 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from mock_devices.effects import EffectChoice
+from mock_devices.effects import SPECS, EffectChoice, EffectError
 from mock_devices.effects.base import Deviation, Site, StationSight
 from mock_devices.effects.catalogue import make
+from mock_devices.effects.in_space import check_in_space
 from mock_devices.machine_file import read_machine_file
 from mock_devices.plant.affected_machine import motion_states
 from mock_devices.plant.motion_history import MotionHistory
 from mock_devices.recordings.design import DesignOptions, draw_design
 from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import MockSettings
+from mock_devices.spatial_file import read_spatial_machine
 
 MACHINE = Path(__file__).parents[2] / "calibration" / "machine" / "data" / "planar4.toml"
 FILE = read_machine_file(MACHINE)
@@ -118,3 +121,23 @@ def bench(*, seed=4, visits=40, fly_share=0.0, platform_only=False, **settings):
     options = DesignOptions(visits=visits, poses=30, fly_share=fly_share, platform_only=platform_only)
     design = draw_design(FILE, np.random.default_rng(seed), options)
     return SimulatedCampaign(MACHINE, MockSettings(seed=seed, **settings), design)
+
+
+def assert_machine_in_space_has(effect, machine, *, has):
+    """A shipped machine in space has an effect, or refuses it."""
+    file = read_spatial_machine(MACHINE.with_name(f"{machine}.toml"))
+    choice = EffectChoice(effect, SPECS[effect].size.typical)
+    if has:
+        check_in_space(choice, file)
+        return
+    with pytest.raises(EffectError, match="does not have it"):
+        check_in_space(choice, file)
+
+
+def assert_drawn_by_seed(name, attribute):
+    """What an effect draws is the same with the same seed, and another with another."""
+    one, same, other = (
+        getattr(Alone(name, SPECS[name].size.middle, seed=seed).effect, attribute) for seed in (3, 3, 5)
+    )
+    assert one == same
+    assert one != other

@@ -10,7 +10,7 @@ import pytest
 from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice
 from mock_devices.effects.in_space import check_in_space
 from mock_devices.spatial_file import read_spatial_machine
-from tests.mock_devices.effects_bench import FILE, HOME_M, MACHINE, Alone, sight_of
+from tests.mock_devices.effects_bench import FILE, HOME_M, MACHINE, Alone, assert_drawn_by_seed, sight_of
 
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
 MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
@@ -138,6 +138,4 @@ def test_machines_in_space_have_them(name, effect):
 def test_the_same_seed_makes_the_same_of_them(name):
     drawn = {"lost_fringes": "homes_s", "tacky_film": "forms_s", "stepping_collar": "teeth",
              "every_other_stop": "trigger_m"}[name]  # fmt: skip
-    effects = [Alone(name, SPECS[name].size.middle, seed=seed).effect for seed in (3, 3, 5)]
-    assert getattr(effects[0], drawn) == getattr(effects[1], drawn)
-    assert getattr(effects[0], drawn) != getattr(effects[2], drawn)
+    assert_drawn_by_seed(name, drawn)

@@ -7,10 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice, EffectError, draw
-from mock_devices.effects.in_space import check_in_space
-from mock_devices.spatial_file import read_spatial_machine
-from tests.mock_devices.effects_bench import FILE, MACHINE, STATION_M, Alone, sight_of
+from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, draw
+from tests.mock_devices.effects_bench import (
+    FILE,
+    STATION_M,
+    Alone,
+    assert_drawn_by_seed,
+    assert_machine_in_space_has,
+    sight_of,
+)
 
 LOW_M, HIGH_M = FILE.sliders[0].travel_m
 MIDDLE_M, HALF_M = 0.5 * (LOW_M + HIGH_M), 0.5 * (HIGH_M - LOW_M)
@@ -99,17 +104,9 @@ def test_beyond_a_payload_a_slider_stands_otherwise_by_both_directions():
 @pytest.mark.parametrize("name", ["stewart6", "delta6"])
 @pytest.mark.parametrize("effect", NAMES)
 def test_machines_in_space_have_them_but_the_floor(name, effect):
-    file = read_spatial_machine(MACHINE.with_name(f"{name}.toml"))
-    choice = EffectChoice(effect, SPECS[effect].size.typical)
-    if effect == "mirrored_floor":
-        with pytest.raises(EffectError, match="does not have it"):
-            check_in_space(choice, file)
-    else:
-        check_in_space(choice, file)
+    assert_machine_in_space_has(effect, name, has=effect != "mirrored_floor")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_seed_makes_the_same_of_them(name):
-    effects = [Alone(name, SPECS[name].size.middle, seed=seed).effect for seed in (3, 3, 5)]
-    assert getattr(effects[0], DRAWN[name]) == getattr(effects[1], DRAWN[name])
-    assert getattr(effects[0], DRAWN[name]) != getattr(effects[2], DRAWN[name])
+    assert_drawn_by_seed(name, DRAWN[name])

@@ -7,11 +7,15 @@ import math
 import numpy as np
 import pytest
 
-from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice, EffectError
-from mock_devices.effects.in_space import check_in_space
+from mock_devices.effects import OUTSIDE, OUTSIDE_FINAL, SPECS
 from mock_devices.recordings.design import nominal_drives
-from mock_devices.spatial_file import read_spatial_machine
-from tests.mock_devices.effects_bench import FILE, HOME_M, MACHINE, Alone
+from tests.mock_devices.effects_bench import (
+    FILE,
+    HOME_M,
+    Alone,
+    assert_drawn_by_seed,
+    assert_machine_in_space_has,
+)
 
 (LEFT_M, RIGHT_M), (BOTTOM_M, TOP_M) = FILE.workspace_m
 NAMES = ("near_magnet", "rung_by_other", "rounded_ways")
@@ -93,17 +97,9 @@ def test_what_ways_have_beyond_whole_steps_is_lost_and_adds_up():
 @pytest.mark.parametrize("name", ["stewart6", "delta6"])
 @pytest.mark.parametrize("effect", NAMES)
 def test_machines_in_space_have_them_but_the_magnet(name, effect):
-    file = read_spatial_machine(MACHINE.with_name(f"{name}.toml"))
-    choice = EffectChoice(effect, SPECS[effect].size.typical)
-    if effect == "near_magnet":
-        with pytest.raises(EffectError, match="does not have it"):
-            check_in_space(choice, file)
-    else:
-        check_in_space(choice, file)
+    assert_machine_in_space_has(effect, name, has=effect != "near_magnet")
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_the_same_seed_makes_the_same_of_them(name):
-    effects = [Alone(name, SPECS[name].size.middle, seed=seed).effect for seed in (3, 3, 5)]
-    assert getattr(effects[0], DRAWN[name]) == getattr(effects[1], DRAWN[name])
-    assert getattr(effects[0], DRAWN[name]) != getattr(effects[2], DRAWN[name])
+    assert_drawn_by_seed(name, DRAWN[name])

@@ -14,12 +14,14 @@ from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.dialects.postgresql import insert
-from sqlalchemy.exc import SQLAlchemyError
+from sqlalchemy.exc import DBAPIError, SQLAlchemyError
 
 from pkm_rig.errors import StoreError
 from pkm_rig.store.lock import describe_owner, this_process
 
 EVERY_RIG = ""  # the name under which somebody holds the whole store
+FREED_WITHIN_S = 2  # of an owner's end: until then the server may not have seen that a killed one's connection is gone
+LOCK_NOT_AVAILABLE = "55P03"  # SQLSTATE
 
 _metadata = sa.MetaData()
 rig_locks = sa.Table(
@@ -93,13 +95,14 @@ class RigHold:
     def _take(self, rig: str | None) -> None:
         connection = self._connection
         with connection.begin():
+            connection.execute(sa.text(f"SET LOCAL lock_timeout = '{FREED_WITHIN_S}s'"))
             whole = lock_number(connection, "store", "")
             number = whole if rig is None else lock_number(connection, "rig", rig)
             if rig is None:
-                got = _try(connection, "pg_try_advisory_lock", whole)
+                got = _got(connection, "pg_advisory_lock", whole)
             else:
-                got = _try(connection, "pg_try_advisory_lock_shared", whole)
-                got = got and _try(connection, "pg_try_advisory_lock", number)
+                got = _got(connection, "pg_advisory_lock_shared", whole)
+                got = got and _got(connection, "pg_advisory_lock", number)
             if not got:
                 raise StoreError(
                     f"{self._where} is in use by {self._owner(connection)}; wait until it has ended, or end it"
@@ -126,8 +129,16 @@ def campaigns_held(connection: sa.Connection) -> set[str]:
     return {campaign for campaign in campaigns if isinstance(campaign, str)}
 
 
-def _try(connection: sa.Connection, function: str, number: int) -> bool:
-    return bool(connection.execute(sa.select(getattr(sa.func, function)(number))).scalar())
+def _got(connection: sa.Connection, function: str, number: int) -> bool:
+    """Whether a lock could be had within the time that the transaction has set."""
+    try:
+        with connection.begin_nested():  # a time-out ends what it happens in
+            connection.execute(sa.select(getattr(sa.func, function)(number)))
+    except DBAPIError as error:
+        if getattr(error.orig, "sqlstate", None) != LOCK_NOT_AVAILABLE:
+            raise
+        return False
+    return True
 
 
 def _content(text: str) -> dict[str, Any]:

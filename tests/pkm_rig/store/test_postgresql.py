@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import sys
 import threading
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 
 import pytest
@@ -14,7 +15,7 @@ from alembic.migration import MigrationContext
 
 from calibration.base.errors import InputError
 from pkm_rig.errors import StoreError
-from pkm_rig.store import schema
+from pkm_rig.store import schema, server_lock
 from pkm_rig.store.audit import audit
 from pkm_rig.store.place import SERVER_FILE, ServerAddress, bind_folder, check_address, has_store, store_place
 from pkm_rig.store.server_lock import rig_locks
@@ -94,6 +95,21 @@ def test_who_has_the_whole_store_keeps_every_rig_out(address):
             rig.hold("left")
         whole.close()
         rig.hold("left")
+
+
+def test_who_comes_while_an_owner_ends_gets_the_rig(server, database, address, monkeypatch):
+    # A server sees only after a moment that the connection of a killed owner is gone.
+    monkeypatch.setattr(server_lock, "FREED_WITHIN_S", LIMIT_S)
+    with opened(address, 2) as (owner, next_one), ThreadPoolExecutor(1) as pool:
+        owner.hold("left")
+        got = pool.submit(next_one.hold, "left")
+        waiting = "SELECT count(*) FROM pg_locks WHERE locktype = 'advisory' AND NOT granted"
+        while not got.done() and server.query(waiting, database) == [(0,)]:
+            pass
+        assert not got.done()
+        owner.close()
+        got.result(LIMIT_S)
+        assert server.query("SELECT count(*) FROM rig_locks", database) == [(1,)]
 
 
 def test_a_campaign_is_held_by_its_rig(out, address):

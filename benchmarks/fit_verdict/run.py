@@ -32,6 +32,7 @@ from calibration.base.errors import InputError
 from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
+from calibration.effects.catalogue import load_catalogue
 from tests.kept_results import KeptResults, key_of, until_stopped
 
 OUT = ROOT / "runs" / "fit-verdict"
@@ -86,7 +87,7 @@ def kept_rows(options: argparse.Namespace, point: tuple[float, float]) -> Rows:
         PLANT: list(plant(options.n, options.seed)),
         RECORDINGS: list(recordings(options.n, options.data)),
     }
-    code = code_digest(*CODE)
+    code, catalogue = code_digest(*CODE), load_catalogue()
     out: Rows = {}
     for source, some in cases.items():
         results = KeptResults(options.out / f"{source}.jsonl")
@@ -97,7 +98,7 @@ def kept_rows(options: argparse.Namespace, point: tuple[float, float]) -> Rows:
             known = load()
             with _departures(point):
                 try:
-                    diagnosis = diagnose(known.recording)
+                    diagnosis = diagnose(known.recording, catalogue.without_forms(known.without_forms))
                 except InputError:
                     diagnosis = None
             evidence = diagnosis and diagnosis.evidence

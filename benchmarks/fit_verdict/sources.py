@@ -1,13 +1,15 @@
 """Cases whose cause is known, from three sources that share nothing, as recordings with their right answers.
 
 structures: drawn ones without a formula; plant: the mock with development variants of its effects, never the final
-ones; recordings: the even numbers of another simulator. None of them scores a final run.
+ones, without the forms of the catalogue that explain what it does, as it is judged; recordings: the even numbers of
+another simulator. None of them scores a final run.
 """
 
 from __future__ import annotations
 
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -22,6 +24,8 @@ from benchmarks.structures.structure import Generator
 from benchmarks.structures.table import right_answers
 from benchmarks.withheld.cases import Slot, drawn_order, plan
 from benchmarks.withheld.designs import Designs
+from benchmarks.withheld.left_out_forms import FormComparison
+from benchmarks.withheld.maker import clean_folder
 from benchmarks.withheld.making import make_case
 from calibration.recording.folder import read_folder
 from calibration.recording.recording import Recording
@@ -35,11 +39,15 @@ OF_PLANT = {"effect": 0.6, "null": 0.15, "outside": 0.15, "pair": 0.1}  # shares
 
 @dataclass(frozen=True)
 class Known:
-    """A recording, the verdicts that are right, and raw sizes in sigma by effect: of single ones that can be seen."""
+    """A recording, the verdicts that are right, and raw sizes in sigma by effect: of single ones that can be seen.
+
+    without_forms: what its catalogue shall not have, each EFFECT/FORM.
+    """
 
     recording: Recording
     right: tuple[str, ...]
     raw: Mapping[str, float]
+    without_forms: tuple[str, ...] = ()
 
 
 Load = Callable[[], Known]
@@ -61,14 +69,16 @@ def structures(count: int, seed: int) -> Iterator[Case]:
 
 def plant(count: int, seed: int) -> Iterator[Case]:
     """Cases of the mock without its final variants, of each kind its share; a larger count adds some."""
-    designs = Designs(seed)
+    designs, forms = Designs(seed), FormComparison()
 
     def load(slot: Slot) -> Known:
         rng = np.random.default_rng([seed, crc32(slot.key.encode())])
         case = make_case(slot, rng, designs, final=False)
         names = [fact["effect"] for fact in case.truth["effects"]]
         right = right_of(slot.kind, names, case.truth["eligible"])
-        return Known(_in_memory(case.recording), right, _raw_of_single(slot.kind, case.truth))
+        with _written(case.recording) as folder, clean_folder(case, folder) as clean:
+            left_out = forms.left_out(clean, case.changes_by_effect(), rng)
+            return Known(read_folder(folder), right, _raw_of_single(slot.kind, case.truth), left_out.names)
 
     for kind, share in OF_PLANT.items():
         slots = drawn_order(plan(0, (kind,), final=False), np.random.default_rng(seed))
@@ -107,6 +117,12 @@ def right_of(kind: str, effects: list[str], eligible: bool) -> tuple[str, ...]:
 
 
 def _in_memory(made: MockRecording) -> Recording:
+    with _written(made) as folder:
+        return read_folder(folder)
+
+
+@contextmanager
+def _written(made: MockRecording) -> Iterator[Path]:
     with tempfile.TemporaryDirectory() as folder:
         write_recording(made, Path(folder) / "recording")
-        return read_folder(Path(folder) / "recording")
+        yield Path(folder) / "recording"

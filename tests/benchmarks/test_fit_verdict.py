@@ -11,10 +11,14 @@ import pytest
 from benchmarks.fit_verdict import folds, run, sources, table
 from benchmarks.fit_verdict.fit import BY_EVIDENCE, BY_SEARCH, BY_SIZE, LEAST_P, Kept, fit, settings_at
 from benchmarks.fit_verdict.sizes import TAILS, KeptSizes, kept_size
+from benchmarks.withheld.left_out_forms import LeftOut
+from calibration.base.errors import InputError
 from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.result import FoundEffect, FoundPlace, Quantity
 from calibration.diagnosis.settings import FITTED, VERDICT, VerdictSettings
 from calibration.diagnosis.verdict import verdict_probabilities
+from calibration.recording.folder import read_folder
+from tests.benchmarks.withheld_cases import EFFECT, case_of
 
 NAMES = ("backlash", "latency", "refraction")
 
@@ -190,6 +194,37 @@ def test_the_plant_is_drawn_the_same_each_time_and_without_final_variants(monkey
     with pytest.raises(ZeroDivisionError):
         first[0][1]()
     assert finals == [False]
+
+
+def test_the_plant_is_diagnosed_without_the_forms_that_explain_it(monkeypatch, tmp_path):
+    """As it is judged; what is compared is the recording without gross readings and its effect alone."""
+    case, compared = case_of(replace(EFFECT, gross=True)), []
+
+    def left_out(_, folder, changes, rng):
+        compared.append((read_folder(folder).positions_m, changes))
+        return LeftOut({"backlash/closing_at_rest": 0.99}, ("latency/by_speed",))
+
+    monkeypatch.setattr(sources, "make_case", lambda *_, final: case)
+    monkeypatch.setattr(sources.FormComparison, "left_out", left_out)
+    key, load = next(sources.plant(1, 5))
+    known = load()
+    assert known.without_forms == ("backlash/closing_at_rest", "latency/by_speed")
+    ((clean_m, changes),) = compared
+    assert 0.0 < np.mean(np.any(clean_m != known.recording.positions_m, axis=1)) < 0.01
+    assert [name for name, _, _ in changes] == ["backlash"]
+
+    asked = []
+    monkeypatch.setattr(run, "load_catalogue", lambda: SimpleNamespace(without_forms=list))
+    monkeypatch.setattr(run, "diagnose", lambda recording, catalogue: asked.append(catalogue) or refuse())
+    for name, some in (("structures", []), ("plant", [(key, lambda: known)]), ("recordings", [])):
+        monkeypatch.setattr(run, name, lambda *_, some=some: some)
+    kept = run.kept_rows(run._options(["--out", str(tmp_path), "--n", "1"]), (1.0, 1.0))
+    assert kept["plant"] == []  # this one could not be diagnosed
+    assert asked == [["backlash/closing_at_rest", "latency/by_speed"]]
+
+
+def refuse():
+    raise InputError("nothing to be seen")
 
 
 def test_only_single_effects_that_can_be_seen_have_a_raw_size():

@@ -20,7 +20,7 @@ from calibration.machine.sensitivity import Sensitivity
 
 ONSETS_APART_S = 40.0
 MAX_ONSETS, MAX_FURTHER_ONSETS = 6, 2
-LEAST_CHANGING, MOST_CHANGING_PERIODS = 60.0, 3  # power of a wave that changes: by chance four sines have 45
+CHANGING_BY_CHANCE, MOST_CHANGING_PERIODS = 1.0e-9, 3  # of a wave that changes, at each of millions of frequencies
 CHANGING_S = 900.0  # in which what motions have warmed cools again
 Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
 
@@ -42,7 +42,9 @@ def inputs_of_recording(likelihood: MarginalLikelihood, periodograms: tuple[Peri
         resolution = periodograms[drive].resolution
         further = [
             (period_m, prior)
-            for period_m, prior in changing(drive).strongest_periods(shortest_m, longest_m, least=LEAST_CHANGING)
+            for period_m, prior in changing(drive).strongest_periods(
+                shortest_m, longest_m, by_chance=CHANGING_BY_CHANCE
+            )
             if all(abs(1.0 / period_m - 1.0 / other_m) > resolution for other_m, _ in lasting)
         ]
         return lasting + further[:MOST_CHANGING_PERIODS]

@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.fft import rfft
+from scipy.stats import chi2
 
 from calibration.base.arrays import Array
 
@@ -78,12 +79,18 @@ class Periodogram:
         """Distance in 1/m at which two frequencies can be distinguished."""
         return 1.0 / max(float(np.ptp(self.position_m)), 1e-6)
 
+    @cached_property
+    def level(self) -> float:
+        """Its median over that of pure noise, if that is more than one: what no wave explains raises it everywhere."""
+        return max(float(np.median(self.power)) / float(chi2.median(2 * self.score.shape[1])), 1.0)
+
     def strongest_periods(
-        self, shortest_m: float, longest_m: float, *, least: float = 0.0
+        self, shortest_m: float, longest_m: float, *, by_chance: float = 1.0
     ) -> list[tuple[float, float]]:
         """Periods (m) of the highest peaks within limits, with prior probabilities (uniform in the logarithm).
 
-        least: power that a peak has.
+        by_chance: probability with which noise as strong as the periodogram's level has as much power as a peak, at
+        most.
         """
         lowest, highest = 1.0 / longest_m, 1.0 / max(shortest_m, self.shortest_m)
         first = max(int(np.searchsorted(self.frequency, lowest)), 1)
@@ -92,7 +99,8 @@ class Periodogram:
             return []
         p, inside = self.power, self.power[first:last]
         peaks = first + np.flatnonzero((inside >= p[first - 1 : last - 1]) & (inside > p[first + 1 : last + 1]))
-        peaks = peaks[p[peaks] >= least]
+        if by_chance < 1.0:
+            peaks = peaks[p[peaks] >= self.level * chi2.isf(by_chance, 2 * self.score.shape[1])]
         octave = np.floor(np.log2(self.frequency[peaks])).astype(np.intp)
         of_octaves = np.split(peaks, np.flatnonzero(np.diff(octave)) + 1)
         in_octave = [_highest(p, of_one, MAX_PEAKS) for of_one in of_octaves]

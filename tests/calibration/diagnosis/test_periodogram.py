@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from calibration.diagnosis.effect_inputs import CHANGING_BY_CHANCE, _periodogram_of_changing_waves
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.periodogram import SHORTEST_M, Periodogram
 
 
@@ -89,9 +94,51 @@ def test_waves_whose_size_changes_its_sign_are_found_by_what_changes_them():
     wave = np.sin(2.0 * np.pi * q / 4.3e-4 + 0.4) * (t + 0.5 * by[:, 1])
     y = wave + 1.3 * rng.standard_normal(400)
     changing = Periodogram.from_scores(q, y[:, None] * by, np.sum(by**2, axis=0), 1e-5)
-    (period_m, _), *_ = changing.strongest_periods(1e-5, 6e-3, least=60.0)
+    (period_m, _), *_ = changing.strongest_periods(1e-5, 6e-3, by_chance=CHANGING_BY_CHANCE)
     assert period_m == pytest.approx(4.3e-4, rel=1e-3)
     constant = Periodogram.from_scores(q, y, 400.0, 1e-5)
-    assert constant.strongest_periods(1e-5, 6e-3, least=60.0) == []
+    assert constant.strongest_periods(1e-5, 6e-3, by_chance=CHANGING_BY_CHANCE) == []
     each = [Periodogram.from_scores(q, y * change, float(np.sum(change**2)), 1e-5).power for change in by.T]
     np.testing.assert_allclose(changing.power, np.sum(each, axis=0), rtol=1e-4, atol=1e-3)
+
+
+def test_much_that_no_wave_explains_gives_no_period_of_changing_waves():
+    rng = np.random.default_rng(10)
+    q, by = rng.uniform(0.4, 1.3, 400), rng.choice([-1.0, 1.0], (400, 2))
+    y = 4.0 * rng.standard_normal(400)
+    loud = Periodogram.from_scores(q, y[:, None] * by, np.sum(by**2, axis=0), 1e-5)
+    assert loud.power.max() > 300.0
+    assert loud.level == pytest.approx(16.0, rel=0.3)
+    assert loud.strongest_periods(1e-5, 6e-3, by_chance=CHANGING_BY_CHANCE) == []
+    assert Periodogram.from_scores(q, y[:, None] * by / 40.0, np.sum(by**2, axis=0), 1e-5).level == 1.0
+
+
+@pytest.fixture(scope="module")
+def on_a_rig(strong):
+    return MarginalLikelihood.of(linearise_recording(strong))
+
+
+@pytest.mark.parametrize("change", ["side", "time", "warmth"])
+def test_waves_that_change_are_found_in_readings_of_a_rig(on_a_rig, change):
+    """A wave on the left drive, in what the station reads: its power and period there, and none on the right one."""
+    linear, context = on_a_rig.linear, on_a_rig.linear.context
+    heat = context.motion_heat(0, 900.0)
+    by = {
+        "side": context.direction[:, 0],
+        "time": np.cos(np.pi * context.elapsed_s / context.elapsed_s.max()),
+        "warmth": (heat - heat.mean()) / heat.std(),
+    }[change]
+    wave = by * np.sin(2.0 * np.pi * context.drives[:, 0] / 3.1e-3)
+    shift = on_a_rig.response("travel.left") * wave[:, None]
+    noise = np.random.default_rng(12).standard_normal(shift.shape)
+    of_wave = on_a_rig.on(replace(linear, residual=2.0 * shift / np.std(shift) + noise))
+    (period_m, _), *_ = _periodogram_of_changing_waves(of_wave, 0).strongest_periods(
+        1e-3, 6e-2, by_chance=CHANGING_BY_CHANCE
+    )
+    assert period_m == pytest.approx(3.1e-3, rel=2e-3)
+    assert _periodogram_of_changing_waves(of_wave, 1).strongest_periods(1e-3, 6e-2, by_chance=CHANGING_BY_CHANCE) == []
+    # Without rig time nothing is known of time and warmth, and what changes with them is not found.
+    timeless = replace(linear.context, missing={"t_s": "nobody wrote it down"})
+    of_side = _periodogram_of_changing_waves(on_a_rig.on(replace(of_wave.linear, context=timeless)), 0)
+    assert of_side.score.shape[1] == 1
+    assert bool(of_side.strongest_periods(1e-3, 6e-2, by_chance=CHANGING_BY_CHANCE)) == (change == "side")

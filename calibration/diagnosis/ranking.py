@@ -42,9 +42,9 @@ class Cause:
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
     alike: whether it is at all of its places alike, so that each of them is as likely as all.
-    without_curves: whether its curves were not fitted, to save time; unrefined: whether neither these nor departures
-    nor further places were tried, though its basis sets alone would be enough for a cause. departure_gain: of the log
-    evidence, what smooth departures from its form add at `place`.
+    unrefined: whether, to save time, neither its curves nor departures nor further places were tried, though its basis
+    sets alone would be enough for a cause. departure_gain: of the log evidence, what smooth departures from its form
+    add at `place`.
     """
 
     effect: Effect
@@ -55,7 +55,6 @@ class Cause:
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
     alike: bool = False
-    without_curves: bool = False
     unrefined: bool = False
     departure_gain: float = 0.0
 
@@ -109,9 +108,7 @@ def rank_effects(
             unrefined = log_evidence > VERDICT.detection_threshold
             causes.append(_or_alike(replace(_cause(effect, places), unrefined=unrefined), alike))
             continue
-        curves = rival or log_evidence > VERDICT.curve_fit_share * strongest
-        refined = _refine(likelihood, inputs, effect, places, by_visit=by_visit, curves=curves)
-        cause = replace(_cause(effect, refined), without_curves=not curves and bool(effect.curves_at(inputs, 0)))
+        cause = _cause(effect, _refine(likelihood, inputs, effect, places, by_visit=by_visit))
         causes.append(_or_alike(_at_several_places(likelihood, inputs, cause, by_visit=by_visit), alike))
     return first_likely(causes)
 
@@ -280,15 +277,13 @@ def _refine(
     places: list[_PlaceEvidence],
     *,
     by_visit: bool,
-    curves: bool = True,
 ) -> list[_PlaceEvidence]:
-    """The same with the effect's departures and, if wanted, its curves, at the places where its basis sets have
-    evidence."""
+    """The same with the effect's departures and its curves, at the places where its basis sets have evidence."""
     every, low = effect.places(inputs.machine), smallest_size(likelihood, effect)
     strongest = max(place.log_evidence for place in places)
 
     def with_curves(place: _PlaceEvidence) -> _PlaceEvidence:
-        of_place = effect.curves_at(inputs, every.index(place.place)) if curves else ()
+        of_place = effect.curves_at(inputs, every.index(place.place))
         fit = fit_curves(likelihood, of_place, low, effect.size.high)
         if fit is None:
             return place

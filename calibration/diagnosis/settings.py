@@ -33,21 +33,19 @@ class VerdictSettings:
     """The same, over what is explained with it. Source: tuned."""
     further_cause_penalty_share_same_part: float = 0.02
     """The same through a channel through which a cause acts already. Source: tuned."""
-    leaders: int = 4
-    """Of the ranking, with how many the search begins where one cause is not enough. Source: computing time."""
-    leaders_share: float = 0.5
+    leaders: int = 3
+    """Of the ranking, with how many the search begins where one cause is not enough. Source: computing time; no
+    more of 60 pairs were right with 4."""
+    leaders_share: float = 0.65
     """Of what is explained, what such an effect must explain alone. Source: computing time."""
     residual_search_threshold: float = 4.0
     """Log evidence of the best non-parametric alternative below which the search ends. Source: tuned."""
-    refined_share: float = 0.4
-    """Departures of an effect, and further places, are looked for above this share of the strongest effect's log
-    evidence: one that is at several places may have so little at the first. Where a law of struts leads, other laws are
-    above the detection threshold. Source: computing time."""
-    curve_fit_share: float = 0.5
-    """Curves of an effect are fitted above this share of it. Source: computing time; effects that won by a curve had
-    more on the simulated rigs."""
+    refined_share: float = 0.6
+    """Departures of an effect, its curves and further places are looked for above this share of the strongest effect's
+    log evidence; where a law of struts leads, other laws are above the detection threshold. Source: computing time; no
+    more single effects or pairs of the mock were right with 0.4."""
     curve_fit_share_at_place: float = 0.8
-    """The same among the places of one effect. Source: as above."""
+    """The same, and curves, among the places of one effect. Source: as above."""
     curve_fit_margin_at_place: float = 5.0
     """Log evidence below the strongest place's, down to which places are refined in any case. Source: as above."""
 

@@ -156,8 +156,6 @@ def _named(cause: Cause) -> str:
 def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:
     """What the search did not try, to save time, in one line; nothing where it tried all."""
     cut, included = [], {cause.effect.name for cause in search_result.causes}
-    if names := [cause.effect.name for cause in search_result.ranking if cause.without_curves]:
-        cut.append(f"the nonlinear laws of {_listed(names)} were not fitted: far from the strongest")
     # What was included is refined beside the other causes.
     ranked = [cause.effect.name for cause in search_result.ranking if cause.unrefined]
     if names := [name for name in ranked if name not in included]:

@@ -29,7 +29,7 @@ def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
 
 
 def refined_of(monkeypatch, logs, laws):
-    """Effects that are refined, with whether their curves are fitted, and the ranking; `laws`: names that have any."""
+    """Effects that are refined, and the ranking; `laws`: names that have any curves."""
     refined = []
     effects = [
         replace(CATALOGUE.effect(name), curves=lambda *_, any_law=name in laws: ("a law",) if any_law else ())
@@ -42,21 +42,18 @@ def refined_of(monkeypatch, logs, laws):
     monkeypatch.setattr(
         ranking,
         "_refine",
-        lambda _, __, effect, places, by_visit, curves: refined.append((effect.name, curves)) or places,
+        lambda _, __, effect, places, by_visit: refined.append(effect.name) or places,
     )
     return refined, ranking.rank_effects(None, INPUTS, effects)
 
 
-@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 40.0), (12.0, 6.0), (100.0, 50.0)])
+@pytest.mark.parametrize(("strongest", "limit"), [(100.0, 60.0), (9.0, 6.0)])
 @pytest.mark.parametrize("side", [-0.1, 0.1])
-def test_effects_are_refined_above_two_fifths_of_the_strongest_evidence_and_six_with_curves_above_half(
-    monkeypatch, strongest, limit, side
-):
+def test_effects_are_refined_above_three_fifths_of_the_strongest_evidence_and_six(monkeypatch, strongest, limit, side):
     logs = {"column_compliance": strongest, "joint_clearance": limit + side}
     refined, ranked = refined_of(monkeypatch, logs, laws=("joint_clearance",))
-    other = [("joint_clearance", limit + side > 0.5 * strongest)] if side > 0.0 or limit > 45.0 else []
-    assert refined == [("column_compliance", True), *other]
-    assert [c.without_curves for c in ranked] == [False, bool(other) and not other[0][1]]
+    other = ["joint_clearance"] if side > 0.0 else []
+    assert refined == ["column_compliance", *other]
     assert [c.unrefined for c in ranked] == [False, not other and limit + side > 6.0]
 
 
@@ -65,7 +62,7 @@ def test_where_a_law_leads_those_of_all_others_are_fitted_above_six(monkeypatch,
     """A basis set of play may explain a tenth of what its curve does."""
     logs = {"link_stiffness": 100.0, "joint_clearance": 6.0 + side, "backlash": 20.0}
     refined, _ = refined_of(monkeypatch, logs, laws=("link_stiffness", "joint_clearance"))
-    assert refined == [("link_stiffness", True), *([("joint_clearance", True)] if side > 0.0 else [])]
+    assert refined == ["link_stiffness", *(["joint_clearance"] if side > 0.0 else [])]
 
 
 @pytest.mark.parametrize(("strongest", "limit"), [(100.0, 80.0), (10.0, 5.0), (1.0, -4.0)])
@@ -85,7 +82,7 @@ def test_a_cause_keeps_what_unexpected_departures_add_at_its_likeliest_place(mon
     monkeypatch.setattr(ranking, "with_departures", lambda *_, **__: found)
     effect = CATALOGUE.effect("column_compliance")
     places = [place("left", 100.0), place("right", 20.0)]
-    cause = ranking._cause(effect, ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True, curves=False))
+    cause = ranking._cause(effect, ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True))
     assert cause.place == "left"
     assert cause.log_evidence == pytest.approx(109.0)
     assert cause.departure_gain == 4.0
@@ -140,9 +137,7 @@ def test_the_form_that_explains_most_once_it_departs_is_taken(monkeypatch, gain_
     first = replace(place("left", 100.0), others=(other,))
     entries = {id(first.best): 100.0, id(other.best): 60.0}
     monkeypatch.setattr(ranking, "with_departures", lambda *of, **_: departing(gains[entries[id(of[4])]]))
-    (refined,) = ranking._refine(
-        LIKELIHOOD, INPUTS, CATALOGUE.effect("backlash"), [first], by_visit=False, curves=False
-    )
+    (refined,) = ranking._refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("backlash"), [first], by_visit=False)
     assert refined.log_evidence == pytest.approx(log_evidence)
 
 
@@ -151,7 +146,7 @@ def test_only_one_form_of_a_reflector_is_anew_at_each_visit(monkeypatch, form, a
     asked = []
     monkeypatch.setattr(ranking, "with_departures", lambda *_, anew, **__: asked.append(anew) or departing(0.0))
     at_first = replace(place("P1", 100.0), form=form)
-    ranking._refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("smr_reseat"), [at_first], by_visit=True, curves=False)
+    ranking._refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("smr_reseat"), [at_first], by_visit=True)
     assert asked == [anew]
     assert ranking._form(sets_of(("loose", 3, 0.0)), BasisSet((0, 1, 2), (1.0,) * 3)) == "loose"
     assert ranking._form(sets_of(("loose", 1, 0.0), ("step", 1, 0.0)), BasisSet((0, 1), (1.0,) * 2)) == ""

@@ -18,7 +18,8 @@ from calibration.effects.api import EffectInputs
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
 from calibration.effects.columns import ColumnsByChannel
 
-NOT_BY_VISIT_PREFIXES = ("light.", "station.", "floor.", "smr.")  # channels without independent shifts per visit
+REFLECTOR = "smr."
+NOT_ON_MACHINE = ("light.", "station.", "floor.", REFLECTOR)
 NEGLIGIBLE_RESPONSE = 1e-9  # sigma per unit of a channel
 DWELL_S = 6.0
 SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
@@ -61,18 +62,24 @@ class NonParametricEffect:
 def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) -> list[NonParametricEffect]:
     """Non-parametric alternatives, the most likely first.
 
-    First an approximate test with independent shifts per visit at each channel of the machine; then all coordinates at
-    the channels with the largest evidence.
+    First an approximate test with independent shifts per visit at each channel of the machine and each reflector; then
+    all coordinates at the channels with the largest evidence.
     """
-    machine_groups = [
-        group
-        for group in _channel_groups(inputs, likelihood.channels)
-        if not group[0].startswith(NOT_BY_VISIT_PREFIXES)
-    ]
-    machine_groups.sort(key=lambda group: -log_sum(_log_evidence_by_visit(likelihood, group[0], SIZES_SIGMA)))
-    tried_groups = machine_groups[:CHANNELS_TRIED]
+    groups = list(_channel_groups(inputs, likelihood.channels))
+    on_machine = [group for group in groups if not group[0].startswith(NOT_ON_MACHINE)]
+    # Of all reflectors together, which are the last of these groups, the platform's coordinates stand for the shifts.
+    reflectors = [group for group in groups if group[0].startswith(REFLECTOR)][:-1]
+    by_evidence = sorted(
+        on_machine + reflectors,
+        key=lambda group: -sum(log_sum(_log_evidence_by_visit(likelihood, c, SIZES_SIGMA)) for c in group),
+    )
+    tried_groups = by_evidence[:CHANNELS_TRIED]
     by_visit = inputs.once("by visit", lambda: _visit_indicators(inputs))
-    alternatives = [_non_parametric_evidence(likelihood, inputs, group, "visit", by_visit) for group in tried_groups]
+    alternatives = [
+        _non_parametric_evidence(likelihood, inputs, group, "visit", by_visit)
+        for group in tried_groups
+        if group in on_machine  # of a reflector they are many, and an effect of the catalogue
+    ]
     alternatives += [
         _non_parametric_evidence(likelihood, inputs, group, coordinate, shapes)
         for group, coordinate, shapes in _alternatives(inputs, likelihood.channels, tried_groups)
@@ -127,19 +134,20 @@ def _non_parametric_evidence(
 def _alternatives(
     inputs: EffectInputs, channels: Channels, tried_groups: list[tuple[str, ...]]
 ) -> Iterator[tuple[tuple[str, ...], str, Array]]:
-    """Channels, coordinate and shapes (n, k); of the machine's channels only `tried_groups`."""
+    """Channels, coordinate and shapes (n, k); of the machine's channels only `tried_groups`, of others only these with
+    all coordinates."""
     common = inputs.once("common", lambda: _common_basis_functions(inputs))
 
     def drive_basis_functions(drive: int) -> dict[str, Array]:
         return inputs.once(("of drive", drive), lambda: _drive_basis_functions(inputs, drive))
 
     for group in _channel_groups(inputs, channels):
-        not_on_machine = group[0].startswith(NOT_BY_VISIT_PREFIXES)
+        not_on_machine = group[0].startswith(NOT_ON_MACHINE)
         if not not_on_machine and group not in tried_groups:
             continue
         bases = dict(common)
         drive = _drive_of(inputs, group[0])
-        if not_on_machine:
+        if not_on_machine and group not in tried_groups:
             bases = {"time": common["time"]}
             if group[0].startswith("light"):
                 bases["place"] = _line_of_sight_basis(inputs)

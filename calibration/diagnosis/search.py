@@ -181,7 +181,9 @@ def _search(
     non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
     non_parametric_alone: tuple[NonParametricEffect, ...] = ()
     left_over = best_log_evidence - best.log_evidence + VERDICT.departure_share * departure_gain(parts)
-    if left_over > VERDICT.residual_search_threshold or not best.causes:
+    # What is another at each visit leaves nothing, but a function of what the visits had may explain it with far less.
+    by_itself = not best.causes or any(differs_by_visit(part) for part in parts)
+    if left_over > VERDICT.residual_search_threshold or by_itself:
         non_parametric_alone = tuple(rank_non_parametric(likelihood, inputs))
         best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)
         non_parametric = non_parametric or non_parametric_alone

@@ -24,7 +24,7 @@ from mock_devices.settings import DisturbanceLevels, MockSettings
 from tests.calibration.diagnosis.campaigns import PLANAR, changed, example, noise_free_m, plant, recorded, simulated
 from tests.calibration.diagnosis.conftest import BACKLASH_M
 
-CREEP_M = 4.0e-5
+CREEP_M = 8.0e-5
 
 
 @pytest.fixture(scope="module")
@@ -39,8 +39,8 @@ def periodic():
 
 @pytest.fixture(scope="module")
 def creeping():
-    """The left drive falls short by 40 um after a way of 0.5 m."""
-    return simulated("planar4", 80, lambda a: -CREEP_M * a.travelled_m / 0.5 * np.array([1.0, 0.0]))
+    """The left drive falls short by 80 um after a way of 0.5 m; in half as many visits something imitates that."""
+    return simulated("planar4", 160, lambda a: -CREEP_M * a.travelled_m / 0.5 * np.array([1.0, 0.0]))
 
 
 def plain(diagnosis) -> str:
@@ -290,3 +290,17 @@ def test_the_diagnosis_knows_nothing_of_the_mock():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False, timeout=60)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize("what", ["side", "rest"])
+def test_a_reflector_that_goes_with_what_the_visits_had_is_no_loose_one(what):
+    """To lie elsewhere at each visit explains that too, with hundreds of numbers in place of a few."""
+    recording = simulated("planar4", 80, lambda a: np.zeros((len(a.drives), 2)))
+    context, of_it = context_of_recording(recording), np.asarray(recording["smr"], dtype=str) == "P1"
+    at_visit = {"side": context.direction[:, 0], "rest": np.exp(-context.dwell_s / 4.0)}[what]
+    lies = 1e-4 * at_visit * (of_it & (recording["visit"] >= 0.0))
+    position_m = recording.positions_m + lies[:, None] * [0.6, 0.0, 0.8]
+    found = diagnose(changed(recording, **{f"{axis}_m": position_m[:, k] for k, axis in enumerate("xyz")}))
+    assert found.verdict == UNKNOWN
+    assert found.ranking["smr_reseat"] < 0.5
+    assert found.clues[0].channel.startswith("smr.P1.")

@@ -38,7 +38,8 @@ def searched(
 
     steps = {False: iter([*rounds, []]), True: iter([by_visit or [], []])}
     monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, explained=0.0: next(steps[by_visit], []))
-    monkeypatch.setattr(search, "differs_by_visit", lambda cause: True)
+    differing = {cause.name for cause in by_visit or []}
+    monkeypatch.setattr(search, "differs_by_visit", lambda cause: cause.name in differing)
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
     monkeypatch.setattr(search, "_refit_causes", refitted)
     monkeypatch.setattr(search, "rank_non_parametric", lambda likelihood, _: [Evidence("", left(likelihood))])
@@ -278,6 +279,17 @@ def test_what_differs_by_visit_is_tried_where_only_several_causes_explain_all(mo
     rounds = [[Evidence("latency", 100.0, "")], second]
     result = searched(monkeypatch, *rounds, rest=5.0, rest_of_two=1.0, by_visit=[Evidence("backlash", 160.0)])
     assert result.log_evidence == log_evidence
+
+
+@pytest.mark.parametrize(("alone", "excess"), [(500.0, 200.0), (250.0, 1.0)])
+def test_what_differs_by_visit_is_weighed_against_alternatives_alone_though_it_leaves_nothing(
+    monkeypatch, alone, excess
+):
+    given = {"none": {"refraction": 100.0}, "by visit": {"backlash": 300.0}}
+    left = {"none": alone, "none+refraction": 50.0, "none+backlash": 1.0}
+    result = search_with(monkeypatch, given, rest_by=left)
+    assert [cause.name for cause in result.causes] == ["backlash"]
+    assert result.excess_log_evidence == excess
 
 
 def test_several_causes_are_each_fitted_again_beside_the_others(monkeypatch):

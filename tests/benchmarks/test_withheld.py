@@ -217,8 +217,7 @@ def rows_of(folder):
 
 
 def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch):
-    # Others wait for a library of what they resemble; decoys that a stop must not change have a test of their own.
-    n, kinds, diagnose = 7, "null", ("--diagnose", STAND_IN, "--no-leave-form-out")
+    n, kinds, diagnose = 10, "null", ("--diagnose", STAND_IN)  # others wait for a library of what they resemble
     assert run.main(arguments(tmp_path / "whole", *diagnose, n=n, kinds=kinds)) == 1
     kept = []
     whole = lane.run_lane

@@ -63,22 +63,23 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
     """Non-parametric alternatives, the most likely first.
 
     First an approximate test with independent shifts per visit at each channel of the machine and each reflector; then
-    all coordinates at the channels with the largest evidence.
+    all coordinates at the machine's channels with the largest evidence, and at reflectors that have more than these.
     """
     groups = list(_channel_groups(inputs, likelihood.channels))
     on_machine = [group for group in groups if not group[0].startswith(NOT_ON_MACHINE)]
     # Of all reflectors together, which are the last of these groups, the platform's coordinates stand for the shifts.
     reflectors = [group for group in groups if group[0].startswith(REFLECTOR)][:-1]
-    by_evidence = sorted(
-        on_machine + reflectors,
-        key=lambda group: -sum(log_sum(_log_evidence_by_visit(likelihood, c, SIZES_SIGMA)) for c in group),
-    )
-    tried_groups = by_evidence[:CHANNELS_TRIED]
+
+    def evidence(group: tuple[str, ...]) -> float:
+        return sum(float(log_sum(_log_evidence_by_visit(likelihood, c, SIZES_SIGMA))) for c in group)
+
+    tried_on_machine = sorted(on_machine, key=evidence, reverse=True)[:CHANNELS_TRIED]
+    strongest = evidence(tried_on_machine[0])
+    tried_groups = tried_on_machine + [group for group in reflectors if evidence(group) > strongest]
     by_visit = inputs.once("by visit", lambda: _visit_indicators(inputs))
+    # Not at a reflector: to lie elsewhere at each visit is an effect of the catalogue.
     alternatives = [
-        _non_parametric_evidence(likelihood, inputs, group, "visit", by_visit)
-        for group in tried_groups
-        if group in on_machine  # of a reflector they are many, and an effect of the catalogue
+        _non_parametric_evidence(likelihood, inputs, group, "visit", by_visit) for group in tried_on_machine
     ]
     alternatives += [
         _non_parametric_evidence(likelihood, inputs, group, coordinate, shapes)

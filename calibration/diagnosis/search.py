@@ -164,9 +164,8 @@ def _search(
     if len(found.causes) > 1 or (found.causes and _is_much(found.left_over, found.log_evidence)):
         later = {cause.effect.name for cause in found.causes[1:]}
         for place, leader in enumerate(ranking[1:], 2):
-            if leader.log_evidence <= VERDICT.leaders_share * found.log_evidence:
-                continue
-            if leaders is not None and leader.effect.name not in leaders:
+            weak = leader.log_evidence <= VERDICT.leaders_share * found.log_evidence
+            if weak or (leaders is not None and leader.effect.name not in leaders):
                 continue
             if place > VERDICT.leaders and leader.effect.name not in later:
                 not_begun_with.append(leader.effect.name)

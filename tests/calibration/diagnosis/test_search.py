@@ -230,13 +230,17 @@ def test_what_differs_by_visit_need_not_outdo_an_effect_that_a_pair_has_raised(m
     assert [cause.name for cause in result.causes] == ["backlash", "tracker_drift"]
 
 
-def test_no_search_begins_with_an_effect_that_explains_less_than_half(monkeypatch):
+@pytest.mark.parametrize(
+    ("alone", "names"), [(700.0, ["refraction", "tracker_drift"]), (710.0, ["latency", "smr_reseat"])]
+)
+def test_no_search_begins_with_an_effect_that_explains_less_than_65_per_cent(monkeypatch, alone, names):
+    """Of 1,084.5 that two explain together, less what a second one costs."""
     given = {
-        "none": {"refraction": 1000.0, "latency": 540.0},
+        "none": {"refraction": 1000.0, "latency": alone},
         "none+refraction": {"tracker_drift": 100.0},
         "none+latency": {"smr_reseat": 3000.0},
     }
-    assert [c.name for c in search_with(monkeypatch, given).causes] == ["refraction", "tracker_drift"]
+    assert [c.name for c in search_with(monkeypatch, given).causes] == names
 
 
 def test_where_one_cause_is_enough_no_other_search_begins(monkeypatch):

@@ -13,6 +13,7 @@ from benchmarks.other_simulator.forms.catalogue import (
     FOURTH,
     OUTSIDE,
     SECOND,
+    SEVENTH,
     SIXTH,
     SPACE,
     THIRD,
@@ -20,8 +21,8 @@ from benchmarks.other_simulator.forms.catalogue import (
 )
 from benchmarks.other_simulator.nominal import DELTA, PLANAR, STEWART
 
-SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404, FOURTH: 5505, FIFTH: 6606, SIXTH: 7707}
-NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900, FOURTH: 1200, FIFTH: 1500, SIXTH: 1800}
+SEEDS = {FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404, FOURTH: 5505, FIFTH: 6606, SIXTH: 7707, SEVENTH: 8808}
+NUMBERED_FROM = {FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900, FOURTH: 1200, FIFTH: 1500, SIXTH: 1800, SEVENTH: 2100}
 SINGLE, PAIR, NULL = "single", "pair", "null"
 EACH, PAIRS, NULLS, SPATIAL_NULLS, SPATIAL_MORE = 3, 14, 24, 14, 16
 # Effects of carriages, which legs have not.

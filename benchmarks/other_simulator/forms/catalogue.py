@@ -17,10 +17,15 @@ from benchmarks.other_simulator.forms import (
     outside_first,
     outside_fourth,
     outside_second,
+    outside_seventh,
     outside_sixth,
     outside_third,
     rig,
     screws,
+    seventh_drives,
+    seventh_machine,
+    seventh_readings,
+    seventh_struts,
     sixth_drives,
     sixth_machine,
     sixth_readings,
@@ -34,8 +39,8 @@ from benchmarks.other_simulator.forms import (
 from benchmarks.other_simulator.forms.form import Form
 
 FIRST, SECOND, SPACE, THIRD = "first", "second", "space", "third"
-FOURTH, FIFTH, SIXTH = "fourth", "fifth", "sixth"
-ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH)
+FOURTH, FIFTH, SIXTH, SEVENTH = "fourth", "fifth", "sixth", "seventh"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH, SEVENTH)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -64,6 +69,10 @@ _OWN: dict[str, dict[str, tuple[Form, ...]]] = {
     SIXTH: {
         **sixth_struts.FORMS, **sixth_machine.FORMS, **sixth_drives.FORMS, **sixth_readings.FORMS,
         OUTSIDE: outside_sixth.FORMS,
+    },
+    SEVENTH: {
+        **seventh_struts.FORMS, **seventh_machine.FORMS, **seventh_drives.FORMS, **seventh_readings.FORMS,
+        OUTSIDE: outside_seventh.FORMS,
     },
 }  # fmt: skip
 _SOURCES = {archive: (archive,) for archive in _OWN} | {SPACE: (FIRST, SECOND)}

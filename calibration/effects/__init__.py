@@ -8,7 +8,6 @@ __all__ = [
     "catalogue",
     "columns",
     "combined_context",
-    "compliant_columns",
     "context",
     "control",
     "departures",

@@ -83,5 +83,17 @@ def curve_over(course: Array) -> Array:
 @cache
 def rises_of_curve() -> tuple[float, ...]:
     """By how much straight lines through the columns of a curve rise over its course: its ends say little."""
-    even = np.linspace(-0.5, 0.5, 1001)
-    return tuple(float(rise) for rise in even @ curve_over(even) / (even @ even))
+    return _rises(curve_over(_EVEN))
+
+
+@cache
+def rises_of_walk(terms: int) -> tuple[float, ...]:
+    """The same of any course in time: straight lines over the whole time."""
+    return _rises(any_course(_EVEN + 0.5, terms))
+
+
+_EVEN = np.linspace(-0.5, 0.5, 1001)
+
+
+def _rises(columns: Array) -> tuple[float, ...]:
+    return tuple(float(rise) for rise in _EVEN @ columns / (_EVEN @ _EVEN))

@@ -17,14 +17,15 @@ OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and
 WAVE_TERMS, WAVE_WEIGHT = 24, 0.2  # half waves of any function of the other, from those that turns begin with
 TOGETHER_TERMS = 6  # of any function of both axes together
 DRAGGED_WIDTHS, DRAGGED_WEIGHT = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0), 0.2  # of plays, over half the other's travel
+CURVE_TERMS = 5  # of any smooth function of the other
 SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
 SHORT_LEG_M = 0.01  # below which a leg's length does not matter
 REST_TERMS = 6  # of any function of the rest
-AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a delay that is another one at any time
+COURSE_TERMS, COURSE_WEIGHT = 24, 0.02  # of a delay by any course in time
+AGE_TERMS, AGE_WEIGHT = 4, 0.3  # the first of them: a slow course
 AFTER_EFFECT_S = (0.8, 3.0, 12.0, 50.0, 200.0, 800.0)  # in which a part forgets former motions
 AFTER_EFFECT_WEIGHT = 0.1
 LIMITS_M, WOUND_S = (1.0e-3, 0.05, 0.2, 0.6), (1.0, 3.0, 10.0, 30.0)  # ways that wind up wholly; time constants
-COURSE_TERMS, COURSE_WEIGHT = 24, 0.02  # of a delay by any course in time
 REPORTED_M = 5.0e-7  # following error at rest, of which less is noise of the encoder
 ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
 
@@ -32,17 +33,12 @@ ANY_REST_WEIGHT = 0.2  # of any course at rest, against those that die away
 def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
     """The position or approach direction of another axis shifts this one."""
     sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
-    mine = inputs.normalised_travel(drive)
     for other in inputs.other_drives(drive):
         (middle, half), q = inputs.travel_range_m(other), context.drives[:, other]
-        x, u = q - middle, inputs.normalised_travel(other)
-        straight = sets.add((travel, x), form="in_proportion")
-        curve = sets.add((travel, half * cosine_basis(q, 5)))
-        products = half * tensor_product(np.stack([u, u**2], axis=1), np.stack([mine, mine**2 - 0.4], axis=1))
-        crossed = sets.add((travel, products), form="product")
+        straight = sets.add((travel, q - middle), form="in_proportion")
+        curve = sets.add((travel, half * cosine_basis(q, CURVE_TERMS)))
         sets.add_set(straight, curve[1:], share=0.5)
         sets.add_set(curve)
-        sets.add_set(crossed[:1], (*straight, *crossed[1:], *curve), share=0.3)
         own = cosine_basis(context.drives[:, drive], OWN_TERMS, constant=True)
         sets.add_set(sets.add((travel, half * tensor_product(cosine_basis(q, OTHER_TERMS), own))))
         waves = sets.add((travel, half * cosine_basis(q, WAVE_TERMS, roughness=0.5)))
@@ -53,10 +49,6 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
         if "history" not in context.not_said:  # and comes after only once it has gone far enough
             sets.add_set(sets.add((travel, half * _dragged_by(inputs, other))), weight=DRAGGED_WEIGHT)
         push = 0.25 * context.direction[:, other]
-        pushed = sets.add((travel, push), form="by_approach")
-        for speed in _speeds(inputs):
-            faster = sets.add((travel, push * speed), form="by_approach_speed")
-            sets.add_set(faster, pushed, share=0.3, weight=0.5)
         # By any function of speed and length of the last leg, from which follows how fast the other axis came.
         whatever_speed = cosine_basis(context.speed_m_per_s, SPEED_TERMS, constant=True)
         leg_m = np.abs(q - context.previous_drives[:, other]) if "history" not in context.not_said else np.zeros(len(q))
@@ -96,35 +88,25 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
     sets, context = BasisSets(), inputs.context
     drives = range(len(inputs.machine.drive_names))
 
-    def all_drives(shape: Array, form: str) -> list[int]:
+    def all_drives(shape: Array, form: str = "") -> list[int]:
         return sets.add(*((f"travel.{inputs.drive(a)}", shape[:, a]) for a in drives), form=form)
-
-    def one_drive(shape: Array, form: str) -> list[int]:
-        """Of each drive but the last: how much its delay differs from the others'."""
-        return [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", shape[:, a]), form=form)]
 
     speed = np.abs(context.velocity_m_per_s).max(axis=1, keepdims=True)
     moving = all_drives(context.velocity_m_per_s, "dead_time")
-    faster = all_drives(context.velocity_m_per_s * speed / 0.25, "by_speed")
-    sets.add_set(moving, faster, share=0.5)
-    sets.add_set(moving, (*faster, *one_drive(context.velocity_m_per_s, "by_drive")), share=0.7)
     whatever_speed = cosine_basis(speed[:, 0], SPEED_TERMS)
-    any_speed = [c for term in whatever_speed.T for c in all_drives(context.velocity_m_per_s * term[:, None], "")]
-    by_drive = one_drive(context.velocity_m_per_s, "")
+    any_speed = [c for term in whatever_speed.T for c in all_drives(context.velocity_m_per_s * term[:, None])]
+    # Of each drive but the last: how much its delay differs from the others'.
+    by_drive = [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", context.velocity_m_per_s[:, a]))]
     sets.add_set(moving, (*any_speed, *by_drive), share=0.6)
     if "t_s" not in context.not_said:
-        ages = cosine_basis(context.elapsed_s, AGE_TERMS)
-        at_any_time = [c for age in ages.T for c in all_drives(context.velocity_m_per_s * age[:, None], "")]
-        sets.add_set((*moving, *at_any_time), by_drive, share=0.6, weight=AGE_WEIGHT)
         walk = any_course(context.elapsed_s, COURSE_TERMS)
-        course = [c for step in walk.T for c in all_drives(context.velocity_m_per_s * step[:, None], "")]
+        course = [c for step in walk.T for c in all_drives(context.velocity_m_per_s * step[:, None])]
+        sets.add_set((*moving, *course[:AGE_TERMS]), by_drive, share=0.6, weight=AGE_WEIGHT)
         sets.add_set((*moving, *course), by_drive, share=0.6, weight=COURSE_WEIGHT)
     for reached in _speeds(inputs)[::2]:
         for tau in geometric_series(0.15, 5.0, 6):
             late = np.exp(-context.dwell_s / tau) * reached * REFERENCE_SPEED_M_PER_S
-            behind = -context.direction * late[:, None]
-            of_all, of_one = all_drives(behind, "filtering"), one_drive(behind, "filtering_by_drive")
-            sets.add_set(of_all, of_one, share=0.7, tau_s=tau, weight=0.2)
+            sets.add_set(all_drives(-context.direction * late[:, None], "filtering"), tau_s=tau, weight=0.2)
     return sets
 
 
@@ -155,8 +137,8 @@ def servo_settling(inputs: EffectInputs, drive: int) -> BasisSets:
     # Loads push it out of place until integral action has brought it back, from whatever side it came.
     for load_n in _loads_along(inputs, drive):
         sets.add_set(sets.add((travel, load_n[:, None] * rest)), weight=ANY_REST_WEIGHT)
-    whatever_speed = np.where(context.moving, 0.0, 1.0)
-    for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", whatever_speed)):
+    against_friction = np.where(context.moving, 0.0, 1.0)  # from whatever speed
+    for form, speed in (*(("exponential", s) for s in _speeds(inputs)), ("against_friction", against_friction)):
         behind = -context.direction[:, drive] * speed
         any_way = sets.add((travel, behind[:, None] * rest))
         sets.add_set(any_way, weight=ANY_REST_WEIGHT)

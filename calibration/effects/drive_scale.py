@@ -12,11 +12,10 @@ from calibration.effects.onsets import ONSET, untested_in_short_campaign
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.1  # of any course in time, as fine as that of settling, against steps
-SLIP_TERMS = 6  # of it, where it is slow
 MOTIONS_WEIGHT = 0.1  # of what its own motions leave of a zero
 HEAT_S = (300.0, 900.0, 2700.0)  # in which a part near its reading head forgets their heat
 EACH_TIME_TERMS = 12  # of any function of the number of the exchange
-EXCHANGES_WEIGHT = 0.02  # of one at each payload exchange, whose moment is known
+EXCHANGES_WEIGHT = 0.02  # of a zero that is another one after each exchange
 
 
 def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
@@ -52,8 +51,6 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
     of_scale, of_zero = (course_with_jumps(t, COURSE_TERMS, [at for at, _ in onsets]) for onsets in (scales, zeros))
     sets.add_set(scale(of_scale), zero(of_scale), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))
     sets.add_set(zero(of_zero), (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
-    slips = zero(of_zero[:, :SLIP_TERMS])  # over minutes, as a scale whose clamp gives way
-    sets.add_set(slips, (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
     if (added := _added_by_motions(inputs, drive)) is not None:  # a belt that creeps, steps that are lost
         sets.add_set(zero(added), (), weight=MOTIONS_WEIGHT)
         heats = [_to_one(inputs.context.motion_heat(drive, tau_s)) for tau_s in HEAT_S]

@@ -23,7 +23,7 @@ ROUGH_TERMS, ROUGH_WEIGHT = 40, 0.3  # of an error that walks along the travel
 
 
 def cumulative(inputs: EffectInputs, drive: int) -> BasisSets:
-    """A smooth error along the travel; its straight part is the drive's scale."""
+    """An error along the travel, smooth or one that walks; its straight part is the drive's scale."""
     sets, travel, q = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive]
     columns = sets.add((travel, cosine_basis(q, 14, roughness=1.5)))
     sets.add_set(columns[:4])

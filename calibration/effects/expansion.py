@@ -40,20 +40,17 @@ def expansion(inputs: EffectInputs, _: int) -> BasisSets:
         bent = about_mean**2 / max(float(np.abs(about_mean).max()), 1e-9)
         rising = sets.add((f"growth.{part}", bent), form="rising")
         sets.add_set(main, rising, share=0.1, weight=COEFFICIENT_WEIGHT)
-        # A part that is warm later than its sensor, and one that grows along any smooth curve.
+        # A part that grows along any smooth curve over its sensor, at once or late.
         sensor = inputs.machine.sensors[part]
         span_k = float(np.ptp(inputs.context.temperatures_c[sensor]))
         for tau_s in FOLLOWING_TIME_CONSTANTS_S:
             change_k = inputs.context.part_temperature_k(sensor, tau_s)
-            if tau_s > 0.0:
-                late = sets.add((f"growth.{part}", change_k), form="lagging")
-                sets.add_set(late, weight=LATE_SHARE * COEFFICIENT_WEIGHT)
             curve = sets.add((f"growth.{part}", span_k * curve_over(change_k)))
             sets.add_set(curve, weight=LATE_SHARE * COEFFICIENT_WEIGHT, size=rises_of_curve())
         _add_mixed_materials(sets, inputs, part, above_k)
         if part in PARTS_OF_COLUMNS and sensor not in bent_by:
             bent_by.append(sensor)
-            _add_bending_columns(sets, inputs, above_k, sensor)
+            _add_bending_columns(sets, inputs, sensor)
     return sets
 
 
@@ -73,7 +70,7 @@ def _add_mixed_materials(sets: BasisSets, inputs: EffectInputs, part: str, above
     sets.add_set([c for own in each for c in own], weight=weight)
 
 
-def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, above_k: Array, sensor: str) -> None:
+def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, sensor: str) -> None:
     """All columns alike are of two materials, as cast iron with a rail of steel: their difference of coefficients bends
     them, by 1.5 over the width for layers alike (Timoshenko, Analysis of Bi-Metal Thermostats, 1925). At which height
     each column stays upright is not known.
@@ -87,10 +84,7 @@ def _add_bending_columns(sets: BasisSets, inputs: EffectInputs, above_k: Array, 
             continue
         for tau_s in FOLLOWING_TIME_CONSTANTS_S:
             change_k = inputs.context.part_temperature_k(sensor, tau_s)
-            course_k = above_k if tau_s == 0.0 else change_k
-            elsewhere = [c for bend in bends for c in sets.add_along(bend.upright_higher, course_k)]
-            straight = sets.add_along(together, course_k, form="bending")
-            sets.add_set(straight, elsewhere, share=UPRIGHT_M, weight=weight)
+            elsewhere = [c for bend in bends for c in sets.add_along(bend.upright_higher, change_k)]
             curve = sets.add_along(together, span_k * curve_over(change_k))
             sets.add_set(curve, elsewhere, share=UPRIGHT_M, weight=weight, size=rises_of_curve())
 

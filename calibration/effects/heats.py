@@ -15,7 +15,7 @@ SPEED_M_PER_S, BETWEEN_MOTIONS_S = 0.5, 30.0  # of a typical motion, and between
 LEAST_TORQUE = 0.05  # over rated torque: where it varies less, friction is as the way and a motor's losses are constant
 
 
-def heats_of_drive(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
+def heats_of_torque(inputs: EffectInputs, drive: int) -> list[tuple[Array, float]]:
     """Heat (n,) by a drive's friction, |torque| times speed, and by its motor's losses, torque squared, which parts
     take up and lose again with time constants; over their ranges. None where the torque is not known or hardly varies.
     """

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.base.arrays import Array
@@ -17,28 +19,24 @@ from calibration.effects.context import ReadingContext
 from calibration.effects.onsets import ONSET, untested_in_short_campaign
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S
 
-ONSETS = 12
-TWIST_WEIGHT = 0.5  # of a station that turns about the vertical alone, in any course
-WARM_UP_S = (900.0, 2700.0)
-CREEP_S = 900.0
-LATE_AIR_S, LATE_AIR_WEIGHT = (900.0, 3600.0), 0.5  # in which what carries the station takes up the air's warmth
+ONSETS = 12  # weight of a displacement at some moment, all moments together
 SEVERAL_WEIGHT = 0.5  # of several displacements against one
+WALK_TERMS, PART_WEIGHT = 40, 0.5  # of any course, and of one of a part of the coordinates
+WARM_UP_S = (900.0, 2700.0)
+AIR_S, AIR_WEIGHT = (0.0, 900.0, 3600.0), 0.5  # in which what carries the station takes up the air's warmth
 PER_KELVIN = 0.93e-6  # decrease of the refractive index of air
 TOWARDS_WARM = {"light.v": -1.0, "light.hz": 1.0}  # sign of an angle's error
-WALK_TERMS, SLOW_TERMS = 12, 5  # of a gradient that changes in time, and with the place
+SLOWLY_TERMS, SLOW_TERMS = 12, 5  # of a gradient that changes in time, and with the place
 FINE_TERMS, PLUME_TERMS = 16, 4
 PLUME_WEIGHT = 0.2
-STIRRED_TERMS, STIRRED_PLACES = 24, 2  # of layers that motions stir within minutes, and that form anew at rest
-TOLD_TERMS, TOLD_WEIGHT = 48, 0.5  # of ranges whose air somebody tells the station now and then
 SIGHT_TERMS = 8  # of a smooth function of where the light passes
 INDEX_DELAYS_S = (900.0, 3600.0)  # after which a station is told of the air anew
 LEAST_INDEX_CHANGE = 0.2e-6  # of the refractivity: less is within the range scale's stated uncertainty
-LEANING_WEIGHT = 0.5
 FRAME = ("rx", "ry", "rz", "x", "y", "z")
 
 
 def drift(inputs: EffectInputs, _: int) -> BasisSets:
-    """The station's frame turns and shifts: steadily, while warming up, with the air, in a step, or at random."""
+    """The station's frame turns and shifts: steadily, while warming up, with the air, in a step, or by any course."""
     sets, t = BasisSets(), inputs.context.elapsed_s
 
     def frame(shape: Array, form: str = "") -> list[int]:
@@ -48,17 +46,18 @@ def drift(inputs: EffectInputs, _: int) -> BasisSets:
     sets.add_set(frame(t / HOUR_S, "steady"))
     for tau_s in WARM_UP_S:
         sets.add_set(frame(1.0 - np.exp(-t / tau_s), "warming_up"))
-    air = inputs.context.temperatures_c["air"]
-    sets.add_set(frame((air - air[np.argmin(t)]) / max(float(np.ptp(air)), 0.1), "with_air"))
-    for with_late_air, _tau_s in inputs.context.relative_changes(("air",), LATE_AIR_S):  # the tripod and the floor
-        sets.add_set(frame(with_late_air), weight=LATE_AIR_WEIGHT)
+    for with_air, _tau_s in inputs.context.relative_changes(("air",), AIR_S):  # the tripod and the floor
+        sets.add_set(frame(with_air), weight=AIR_WEIGHT)
     for onset, prior in inputs.onsets([f"station.{k}" for k in FRAME]):
         sets.add_set(frame((t >= onset).astype(np.float64), "step"), weight=2.0 * prior, onset_s=onset)
-    walk = random_walk_basis(t / HOUR_S, 40)
-    sets.add_set(frame(walk), weight=2.0)
-    sets.add_set(sets.add(("station.rz", walk / DRIFT_LEVER_M)), weight=TWIST_WEIGHT)  # legs that the sun shines on
-    leaning = [c for k in ("rx", "ry") for c in sets.add((f"station.{k}", walk / DRIFT_LEVER_M))]
-    sets.add_set((*leaning, *sets.add(("station.z", walk))), weight=LEANING_WEIGHT)  # a foot that sinks
+    by_coordinate = dict(zip(FRAME, np.reshape(frame(random_walk_basis(t / HOUR_S, WALK_TERMS)), (6, -1)), strict=True))
+
+    def walk(coordinates: Sequence[str], weight: float) -> None:
+        sets.add_set([int(c) for k in coordinates for c in by_coordinate[k]], weight=weight)
+
+    walk(FRAME, 2.0)
+    walk(("rz",), PART_WEIGHT)  # legs that the sun shines on
+    walk(("rx", "ry", "z"), PART_WEIGHT)  # a foot that sinks
     return sets
 
 
@@ -71,15 +70,13 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
     """
     sets, t, p = BasisSets(), inputs.context.elapsed_s, inputs.sight_m
     across, height = scale_to_symmetric(p[:, 0]), scale_to_symmetric(p[:, 2])
-    warming = 1.0 - np.exp(-t / 2400.0)
     one = np.ones(len(t))
-    any_time = np.column_stack([one, any_course(t, WALK_TERMS)])
+    any_time = np.column_stack([one, any_course(t, SLOWLY_TERMS)])
     finely = any_course(t, FINE_TERMS)
     temperatures = inputs.context.relative_changes(inputs.context.temperatures_c, (0.0,))
     angle_per_gradient = 0.5 * PER_KELVIN
     for channel, towards_warm in TOWARDS_WARM.items():
         uniform = sets.add((channel, angle_per_gradient * one), form="uniform")
-        warm = sets.add((channel, angle_per_gradient * warming), form="warming")
         powers = np.stack([across, height, across * height, across**2, height**2, across**3, height**3], axis=1)
         bumps = np.stack([np.exp(-(((across - c) / 0.45) ** 2)) for c in (-0.8, -0.4, 0.0, 0.4, 0.8)], axis=1)
         varying = sets.add(
@@ -88,10 +85,8 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
                 angle_per_gradient * np.concatenate([powers, bumps, tensor_product(bumps, height[:, None])], axis=1),
             )
         )
-        slowly = sets.add((channel, angle_per_gradient * warming[:, None] * powers))
         sets.add_set(uniform, varying, share=0.5, size=towards_warm)
         sets.add_set(varying)
-        sets.add_set(warm, (*uniform, *slowly), share=0.5, size=towards_warm)
         at_times = sets.add((channel, angle_per_gradient * any_time))
         elsewhere = tensor_product(any_time[:, :SLOW_TERMS], np.stack([across, height, across**2, height**2], axis=1))
         sets.add_set(at_times, sets.add((channel, angle_per_gradient * elsewhere)), share=0.5)
@@ -107,12 +102,6 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
             there = cosine_basis(place, PLUME_TERMS)
             plume = sets.add((channel, angle_per_gradient * tensor_product(finely, there)))
             sets.add_set((*whole, *plume), weight=PLUME_WEIGHT)
-    at_once = any_course(t, STIRRED_TERMS)
-    for channel in TOWARDS_WARM:
-        for place in (across, height):
-            there = cosine_basis(place, STIRRED_PLACES, constant=True)
-            stirred = sets.add((channel, angle_per_gradient * tensor_product(at_once, there)))
-            sets.add_set(stirred, weight=PLUME_WEIGHT)
     _add_range_scale(sets, inputs.context)
     return sets
 
@@ -130,12 +119,10 @@ def _add_range_scale(sets: BasisSets, context: ReadingContext) -> None:
             scaled = sets.add(("light.range", PER_KELVIN * error / np.ptp(error)), form="late_air")
             sets.add_set(scaled, other, share=0.2, size=-1.0)
     sets.add_set(other)
-    told = sets.add(("light.range", PER_KELVIN * random_walk_basis(context.elapsed_s / HOUR_S, TOLD_TERMS)))
-    sets.add_set(told, weight=TOLD_WEIGHT)
 
 
 def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
-    """One reflector is displaced from some time on or after each payload exchange, or drifts in its nest."""
+    """One reflector is displaced from some time on, after payload exchanges or along any course, or is loose."""
     sets, context = BasisSets(), inputs.context
     name = [x.name for x in inputs.machine.smrs if x.on == "platform"][smr]
     channels = [c for c in inputs.channels if c.startswith(f"smr.{name}.")]
@@ -144,15 +131,12 @@ def reseat(inputs: EffectInputs, smr: int) -> BasisSets:
     def shift(shape: Array, form: str = "") -> list[int]:
         return [c for channel in channels for c in sets.add((channel, shape), form=form)]
 
-    end, onsets = float(t.max()), inputs.onsets(channels)
+    onsets = inputs.onsets(channels)
     for onset, prior in onsets:
         sets.add_set(shift((t >= onset).astype(np.float64), "step"), weight=prior * ONSETS, onset_s=onset)
     if len(onsets) > 1:  # put aside and back, or aside again
         steps = np.column_stack([(t >= onset).astype(np.float64) for onset, _ in onsets])
         sets.add_set(shift(steps), (), weight=SEVERAL_WEIGHT * onsets[0][1] * ONSETS, **strongest_onset(onsets))
-    for onset in np.linspace(0.0, 0.95, ONSETS) * end:
-        creeping = shift(1.0 - np.exp(-np.maximum(t - onset, 0.0) / CREEP_S), "creep")
-        sets.add_set(creeping, weight=0.5, onset_s=float(onset))
     # Where it lies is calibrated, but not where it lies at each visit.
     sets.add_set(shift(np.ones(len(context)), "loose"))
     numbers = np.unique(context.exchanges)[1:]

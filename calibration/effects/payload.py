@@ -28,7 +28,7 @@ MOUNTINGS = 6  # terms of what may be otherwise each time
 
 
 def payload(inputs: EffectInputs, _: int) -> BasisSets:
-    """What is mounted has another mass or centre than stated: all of it in proportion, or by what was not counted.
+    """What is mounted has another mass or centre than stated: in proportion, or by any function of load and exchange.
 
     Weight and its moment in the platform's equilibrium (Merlet, Parallel Robots, Springer 2006, ch. 9). A centre that
     is off by d counts as the mass m d / 0.25 m, which has the same moment at a lever of 0.25 m. Beside each form is
@@ -38,25 +38,20 @@ def payload(inputs: EffectInputs, _: int) -> BasisSets:
     largest = max(float(kg.max()), 1e-9)
     mounted = (kg > LEAST_LOAD_SHARE * largest).astype(np.float64)
     in_proportion = sets.add(("payload.mass", inputs.payload_ratio), form="in_proportion")
-    not_counted = sets.add(("payload.mass", mounted), form="not_counted")
     moment = _moment_of_centre(inputs, mounted)
-    shifted, beside = [], []
+    shifted = []
     any_load = np.stack([mounted, inputs.payload_ratio, inputs.payload_ratio**2], axis=1)
     each_time = mounted[:, None] * cosine_basis(inputs.context.exchanges, MOUNTINGS)
     anyhow = sets.add(("payload.mass", np.concatenate([any_load, each_time], axis=1)))
     whenever = anyhow[:1]  # of each channel what is always mounted
     for channel in _of_centre(inputs):
         shifted += sets.add((channel, mounted * (LEVER_M / largest)), form="shifted")
-        beside += sets.add((channel, moment), form="beside")
         at_any_load = sets.add((channel, moment[:, None] * np.concatenate([any_load, each_time], axis=1)))
         anyhow, whenever = [*anyhow, *at_any_load], [*whenever, at_any_load[0]]
 
     yielding = partial(_by_strut, sets, inputs)
     sets.add_set(in_proportion, (*shifted, *yielding(in_proportion)))
-    sets.add_set(not_counted, (*beside, *yielding(not_counted)))
     sets.add_set(shifted, yielding(shifted))
-    sets.add_set(beside, yielding(beside))
-    sets.add_set((*in_proportion, *not_counted), (*shifted, *beside), weight=0.5)
     sets.add_set(anyhow, yielding(whenever), weight=0.5)
     _add_changing_loads(sets, inputs, mounted)
     if moving_on := _moving_on(sets, inputs, moment):
@@ -97,9 +92,6 @@ def _add_changing_loads(sets: BasisSets, inputs: EffectInputs, mounted: Array) -
     slid = _moment_of_centre(inputs, mounted)[:, None] * finely
     if sliding := [c for channel in _of_centre(inputs) for c in sets.add((channel, slid))]:
         sets.add_set(sliding, _by_strut(sets, inputs, sliding[:1]), weight=FINE_WEIGHT)
-    moved = _moment_of_centre(inputs, mounted)[:, None] * age
-    if centre := [c for channel in _of_centre(inputs) for c in sets.add((channel, moved))]:
-        sets.add_set(centre, _by_strut(sets, inputs, centre), weight=CHANGING_WEIGHT)
 
 
 def _by_side(inputs: EffectInputs) -> Array:

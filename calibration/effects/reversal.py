@@ -12,22 +12,20 @@ from calibration.effects.api import (
     EffectInputs,
     EffectParameter,
     Textbook,
-    geometric_series,
     varies,
 )
-from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, scale_to_symmetric
+from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve
 from calibration.effects.departures import WARMTH_S
 
-DWELL_TIMES_S = geometric_series(1.5, 15.0, 3)
-LEAST_PAUSES, PAUSE_WEIGHT = 0.7, 0.3  # of the logarithm of the rest before a motion
-REST_TERMS = 4  # of any function of the rest
-LOAD_TERMS, ANY_LOAD_WEIGHT = 3, 0.3  # of any function of the load; what grows with it is wind-up rather than play
+LEAST_PAUSES, REST_TERMS, PAUSE_WEIGHT = 0.7, 4, 0.3  # of the logarithm of the rest before a motion
+LOAD_TERMS = 3  # of any function of the load, or of what presses a carriage into its guides
+ANY_LOAD_WEIGHT = 0.3  # what grows with the load is wind-up rather than play
 FLANK_WEIGHT = 0.05  # of a load that says on which flank it lies, as under a counterweight
+LEAST_N = 1e-9
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
-PRESSED_SHARES = (0.25, 0.5, 0.75)  # of the play, taken away by the largest payload
 LEAST_KG = 1e-9  # of what moves, where no mass is stated
 FRICTION_SHARE = 0.1  # of the rated force: plausible, where friction is not seen in the torque
 RATED_N = 6000.0  # force at rated torque, for the plausible range only: the torque's own scale is unknown
@@ -39,26 +37,11 @@ def _untested_from_one_side(inputs: EffectInputs) -> str | None:
 
 
 def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
-    """Half the play, opposite to the approach direction; its width may depend on position and dwell.
-
-    A load that presses the nut to one flank makes it smaller, never larger: what grows with load is wind-up.
-    """
+    """Half the play, opposite to the approach direction, of any width by load; or on the flank that is pressed."""
     sets, travel = BasisSets(), f"travel.{inputs.drive(drive)}"
     side = -0.5 * inputs.context.direction[:, drive]
-    rest = np.stack([np.exp(-inputs.context.dwell_s / tau) for tau in DWELL_TIMES_S], axis=1)
     main = sets.add((travel, side), form="play")
-    place = sets.add((travel, side[:, None] * cosine_basis(inputs.context.drives[:, drive], 6, roughness=1.0)))
-    resting = [sets.add((travel, side * column), form="closing_at_rest") for column in rest.T]
     sets.add_set(main, sign=1.0)
-    sets.add_set(main, place, share=0.5, sign=1.0)
-    for pressed in PRESSED_SHARES:
-        narrower = sets.add((travel, side * (1.0 - pressed * inputs.payload_ratio)), form="pressed_by_load")
-        sets.add_set(narrower, place, share=0.1, sign=1.0)
-    for column in resting:
-        sets.add_set((*main, *column), sign=1.0)
-    sets.add_set(main, (*place, *resting[1]), share=0.3, sign=1.0)
-    any_rest = sets.add((travel, side[:, None] * cosine_basis(np.log(inputs.context.dwell_s + 0.3), REST_TERMS)))
-    sets.add_set(main, (*place, *any_rest), share=0.6, sign=1.0)
     pull_n = inputs.pull_along_n(drive)
     if varies(pull_n, PRESSED_LEAST * float(np.abs(pull_n).max())):  # where hardly any load is left it lies by the side
         flank = cosine_basis(pull_n, LOAD_TERMS, roughness=1.0)
@@ -67,68 +50,44 @@ def backlash(inputs: EffectInputs, drive: int) -> BasisSets:
     if varies(inputs.payload_ratio, PRESSED_LEAST):
         any_load = sets.add((travel, side[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
         sets.add_set(main, any_load, share=0.6, weight=ANY_LOAD_WEIGHT, sign=1.0)
-        sets.add_set(main, (*any_load, *place), share=0.6, weight=ANY_LOAD_WEIGHT, sign=1.0)
     return sets
 
 
 def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
     """The screw is wound up by its torque: the weight, and the friction that remained when the drive stopped.
 
-    Friction grows with what presses on the nut, the weight above all (Coulomb), and with speed. Torsion goes with the
-    length between motor and nut, that of a coupling or a gear does not.
+    Friction grows with what presses on the nut, the weight above all (Coulomb). Torsion goes with the length between
+    motor and nut, that of a coupling or a gear does not.
     """
     sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
-    side, u = context.direction[:, drive], inputs.normalised_travel(drive)
     mass = inputs.machine.moving_mass_kg + context.payload_kg
     heaviest = max(float(mass.max()), LEAST_KG)
-    pressed = FRICTION_SHARE * RATED_N * side * mass / heaviest
-    fast = scale_to_symmetric(context.speed_m_per_s)
-    fast = fast - fast.mean()  # without what does not vary: that would be play
     along = cosine_basis(context.drives[:, drive], LENGTH_TERMS)
-    levers: list[tuple[str, Array]] = [("coulomb", pressed), ("constant", FRICTION_SHARE * RATED_N * side)]
     by_torque: list[tuple[str, Array]] = []
     if _torque_varies(inputs):
         force = _torque_at_rest(inputs, drive) * RATED_N
         weight = _weight_share(inputs, drive, force)
         by_torque = [("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)]
-        levers.insert(0, by_torque[0])
     for form, wound in by_torque:
-        varying = wound - np.mean(wound)
-        size = max(float(np.std(wound)), 1.0)
-        main = sets.add((travel, -wound), form=form)
-        bent = sets.add((travel, np.stack([varying**2 / size, varying**3 / size**2], axis=1)), form=f"{form}_bent")
-        sets.add_set(main)
-        sets.add_set(main, bent, share=0.2)
+        sets.add_set(sets.add((travel, -wound), form=form))
         any_way = sets.add((travel, -float(np.ptp(wound)) * _from_no_force(curve_over(wound), wound)))
         anywhere = sets.add((travel, -wound[:, None] * along))
         sets.add_set(any_way, anywhere, share=0.4, weight=ANY_FORCE_WEIGHT, size=rises_of_curve())
-    faster = sets.add((travel, -FRICTION_SHARE * RATED_N * side * fast), form="viscous")
     if varies(mass / heaviest, PRESSED_LEAST):  # else nothing tells it from play
-        main = sets.add((travel, -pressed), form="coulomb")
-        sets.add_set(main)
-        sets.add_set(main, (*faster, *sets.add((travel, -pressed * u), form="coulomb_by_length")), share=0.3)
+        pressed = FRICTION_SHARE * RATED_N * context.direction[:, drive] * mass / heaviest
+        sets.add_set(sets.add((travel, -pressed), form="coulomb"))
+    side = context.direction[:, drive]
     pull_n = inputs.pull_n[:, drive]
     across_n = np.linalg.norm(pull_n - np.outer(inputs.pull_along_n(drive), inputs.machine.nominal.axis[drive]), axis=1)
-    largest_n = float(across_n.max(initial=0.0))
-    if largest_n > 0.0 and varies(across_n, PRESSED_LEAST * largest_n):  # struts press it into its guides
-        by_struts = FRICTION_SHARE * RATED_N * side * across_n / largest_n
-        main = sets.add((travel, -by_struts), form="pressed_by_struts")
-        sets.add_set(main)
-        any_press = sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * cosine_basis(across_n, LOAD_TERMS)))
-        sets.add_set(main, (*any_press, *faster), share=0.3)
-    pause_s = context.pause_s() if not {"t_s", "history", "speed_m_per_s"} & context.not_said.keys() else None
-    if pause_s is not None and varies(np.log(pause_s + 1.0), LEAST_PAUSES):  # contacts grow firm while they rest
-        constant = sets.add((travel, -FRICTION_SHARE * RATED_N * side))
-        firmer = cosine_basis(np.log(pause_s + 1.0), REST_TERMS)
-        sets.add_set(
-            (*constant, *sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * firmer))), weight=PAUSE_WEIGHT
-        )
+    if varies(across_n, PRESSED_LEAST * max(float(across_n.max(initial=0.0)), LEAST_N)):  # pressed into its guides
+        any_press = cosine_basis(across_n, LOAD_TERMS, constant=True)
+        sets.add_set(sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * any_press)))
+    if not {"t_s", "history", "speed_m_per_s"} & context.not_said.keys():
+        rested = np.log(context.pause_s() + 1.0)
+        if varies(rested, LEAST_PAUSES):  # contacts grow firm while they rest
+            firmer = cosine_basis(rested, REST_TERMS, constant=True)
+            sets.add_set(sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * firmer)), weight=PAUSE_WEIGHT)
     _add_friction_of_grease(sets, inputs, drive)
-    low, high = inputs.machine.travel[drive]
-    length = (context.drives[:, drive] - low) / (high - low)
-    for form, wound in levers:
-        for lever in (length, 1.0 - length):
-            sets.add_set(sets.add((travel, -wound * lever), form=f"{form}_by_length"), faster, share=0.3)
     return sets
 
 

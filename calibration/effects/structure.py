@@ -6,8 +6,6 @@ sets with several shares of it are tried.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import numpy as np
 
 from calibration.base.arrays import Array
@@ -22,31 +20,107 @@ from calibration.effects.api import (
     varies,
 )
 from calibration.effects.basis_functions import cosine_basis, tensor_product
-from calibration.effects.compliant_columns import LEAST_LOAD_CHANGE, LOAD_TERMS, compliance
 from calibration.effects.softening import add_softening
 from calibration.effects.strut_laws import (
     ElongationLaw,
     LawParameter,
     RestrainedStrut,
-    clearance_law,
     curve_of_law,
     misfit_m,
-    one_sided_spring,
     saturating_law,
     series_spring,
-    slipping_law,
     smooth_spring,
 )
 
+LEVER_M = 0.25
+LOAD_WEIGHT = 0.1  # of any function of the load, against proportion
+FORCE_TERMS = 3  # of any function of a column's force, and of its place
+UNEVEN_TERMS, UNEVEN_WEIGHT = 14, 0.3  # of what is softer between its bolts
+LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
+CREEP_TIMES_S = (400.0, 1600.0)
+PASSED_WEIGHT = 0.05  # of a force on another column that bends this one
+HUNG_WEIGHT = 0.2  # of a weight that hangs before its column and bends it
 SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
 LEAST_FORCE_CHANGE = 0.2  # of a strut, over its RMS, that shows what is soft without another payload
-PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of its tension
+PLACE_TERMS, TENSION_TERMS, LOAD_TERMS = 4, 5, 3  # of any function of a strut's place, of its tension and of the load
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a softness that is another one at any time
 LATE_TIMES_S, LATE_WEIGHT = (100.0, 300.0, 900.0), 0.2  # in which a bushing follows its force
 RESTS_S, REST_WEIGHT = (3.0, 12.0, 48.0), 0.3  # in which a pin sinks through its oil
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
-NARROW = 0.02  # tension over which a one-sided spring sets in, over the typical tension
+
+
+def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
+    """The column or the carriage on it yields: across the guide, in rotation, along the screw."""
+    sets, u = BasisSets(), inputs.normalised_travel(drive)
+    higher = np.stack([u, u**2], axis=1)
+    axis = inputs.machine.nominal.axis[drive]
+    pull = inputs.pull_n[:, drive]
+    directions = [(c, pull @ np.eye(3)["xyz".index(c[-1])]) for c in inputs.channels_of_drive("sideways", drive)]
+    directions += [(c, inputs.moment_nm[:, drive] / LEVER_M**2) for c in inputs.channels_of_drive("turn", drive)]
+    directions += [(f"travel.{inputs.drive(drive)}", pull @ axis)]
+    # By any function of the load, at once or as a part that creeps.
+    loads = [
+        cosine_basis(load, LOAD_TERMS)
+        for load in (inputs.payload_ratio, *inputs.once("creeping", lambda: _creeping_loads(inputs)))
+        if varies(load, LEAST_LOAD_CHANGE)
+    ]
+    _add_passed_on(sets, inputs, drive)
+    _add_hung_before(sets, inputs, drive)
+    for channel, force in directions:
+        size = max(float(np.std(force)), 1.0)
+        mean = force.mean()
+        main = sets.add((channel, force), form="force")
+        loaded = sets.add((channel, mean * (inputs.payload_ratio - 0.5)), form="payload")
+        placed = sets.add((channel, force[:, None] * higher), form="force_by_travel")
+        anyhow = sets.add(
+            (
+                channel,
+                np.column_stack(
+                    [force[:, None] * cosine_basis(u, FORCE_TERMS), size * cosine_basis(force, FORCE_TERMS)]
+                ),
+            )
+        )
+        bent = np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)
+        hard = sets.add((channel, bent), form="force_bent")
+        sets.add_set(main, sign=1.0)
+        sets.add_set(main, placed, share=0.6, sign=1.0)
+        sets.add_set(main, anyhow, share=0.6, sign=1.0)
+        uneven = sets.add((channel, force[:, None] * cosine_basis(u, UNEVEN_TERMS, roughness=0.5)))
+        sets.add_set(main, uneven, share=0.8, weight=UNEVEN_WEIGHT, sign=1.0)
+        sets.add_set(main, (*placed, *hard, *loaded), share=0.2, sign=1.0)
+        typical = float(np.sqrt(np.mean(force**2)))
+        for load in loads:
+            sets.add_set(sets.add((channel, typical * load)), weight=LOAD_WEIGHT)
+    return sets
+
+
+def _add_passed_on(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
+    """A crossbeam passes on to a column what bends another one, the more the higher the carriage stands there."""
+    h = inputs.height_m(drive)
+    for other in inputs.other_drives(drive):
+        where = cosine_basis(inputs.normalised_travel(other), FORCE_TERMS, constant=True)
+        for side, turn, sign in inputs.leaning(drive):
+            force = inputs.pull_n[:, other, "xyz".index(side[-1])]
+            passed = force[:, None] * where
+            sets.add_set(sets.add((side, sign * passed * h[:, None]), (turn, passed)), weight=PASSED_WEIGHT)
+
+
+def _add_hung_before(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
+    """What pulls along the axis hangs before the column and bends it, the more the higher the carriage stands."""
+    h, pull = inputs.height_m(drive), inputs.pull_along_n(drive)
+    for side, turn, sign in inputs.leaning(drive):
+        moment = sets.add((side, 0.5 * sign * pull * h**2), (turn, pull * h), form="hung_before")
+        elsewhere = sets.add((side, sign * pull * h), (turn, pull))  # bent from another height on
+        sets.add_set(moment, elsewhere, share=0.5, weight=HUNG_WEIGHT)
+
+
+def _creeping_loads(inputs: EffectInputs) -> list[Array]:
+    """The payload (n,) over the largest one as a part feels it that creeps (Findley, Lai, Onaran, Creep and Relaxation
+    of Nonlinear Viscoelastic Materials: Kelvin's element), with several time constants."""
+    if "t_s" in inputs.context.not_said:
+        return []
+    return [inputs.context.lagging(inputs.payload_ratio, tau_s) for tau_s in CREEP_TIMES_S]
 
 
 def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -57,37 +131,23 @@ def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
     size = max(float(np.std(t)), 1e-9)
     u = inputs.normalised_travel(drive) if drive >= 0 else np.zeros(len(t))
     main = sets.add((name, t), form="tension")
-    by_load = np.stack([t * inputs.payload_ratio, inputs.payload_ratio * size], axis=1)
-    loaded = sets.add((name, by_load), form="tension_by_payload")
-    by_angle = sets.add((name, np.stack([t * u**k for k in (1, 2, 3, 4)], axis=1)), form="tension_by_angle")
     angle_alone = sets.add((name, np.stack([size * u**k for k in (1, 2, 3, 4)], axis=1)))
-    one_sided = sets.add((name, np.stack([np.maximum(t, 0.0), np.minimum(t, 0.0)], axis=1)), form="one_sided")
-    away = t - t.mean()
-    bent = sets.add((name, np.stack([away**2 / size, away**3 / size**2], axis=1)), form="tension_bent")
     by_place = inputs.context.drives[:, drive] if drive >= 0 else np.zeros(len(t))
     anywhere = sets.add((name, t[:, None] * cosine_basis(by_place, PLACE_TERMS)))
     stretched = sets.add((name, size * cosine_basis(t, TENSION_TERMS)))
     anyhow_loaded = sets.add((name, t[:, None] * cosine_basis(inputs.payload_ratio, LOAD_TERMS)))
     sets.add_set(main, sign=1.0)
-    if varies(inputs.payload_ratio, LEAST_LOAD_CHANGE):
-        sets.add_set(main, anyhow_loaded, share=0.6, sign=1.0)
-    sets.add_set(loaded[:1], (*main, *loaded[1:]), share=0.6, sign=1.0)
-    sets.add_set(by_angle[:2], (*main, *angle_alone[:2]), share=0.6)
     # At a large angle the joint yields more than in proportion, and so does the strut's own share of the preload.
     others = [inputs.normalised_travel(other) for other in inputs.other_drives(drive)] if drive >= 0 else []
     coupled = [
         c for v in others for c in sets.add((name, np.stack([t * v, size * v, size * u * v, size * v**2], axis=1)))
     ]
-    sets.add_set((*main, *by_angle), (*angle_alone, *loaded, *coupled), share=0.7, sign=1.0)
-    sets.add_set(one_sided)
     sets.add_set((*main, *anywhere), (*angle_alone, *anyhow_loaded, *coupled), share=0.7, sign=1.0)
     sets.add_set(main, (*stretched, *anyhow_loaded), share=0.7, sign=1.0)
-    sets.add_set((*main, *bent), loaded, share=0.7, sign=1.0)
-    sets.add_set(main, (*loaded, *by_angle, *bent), share=0.5, sign=1.0)
     if "t_s" not in inputs.context.not_said:  # bolts work loose, joints bed in
         ages = cosine_basis(inputs.context.elapsed_s, AGE_TERMS)
         ageing = sets.add((name, np.column_stack([t[:, None] * ages, size * ages])))
-        sets.add_set((*main, *ageing), loaded, share=0.6, weight=AGE_WEIGHT)
+        sets.add_set((*main, *ageing), anyhow_loaded, share=0.6, weight=AGE_WEIGHT)
         add_softening(sets, inputs, strut, t)
         late = [inputs.context.lagging(t, tau_s) for tau_s in LATE_TIMES_S]
         sets.add_set(sets.add((name, np.column_stack([t, *late]))), weight=LATE_WEIGHT)  # a bushing that flows
@@ -104,8 +164,7 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
         for soft in SOFT_N:
             side = np.tanh((t - t.mean() + shift * size) / soft)
             main = sets.add((name, side), form="sides_by_tension")
-            by_load = np.stack([side * inputs.payload_ratio, inputs.payload_ratio], axis=1)
-            loaded = sets.add((name, by_load), form="sides_by_payload")
+            loaded = sets.add((name, np.stack([side * inputs.payload_ratio, inputs.payload_ratio], axis=1)))
             sets.add_set(main, loaded, share=0.7, sign=1.0)
     if drive >= 0:
         # A pin at the bottom of its hole follows the strut's angle, which depends on drive and pose.
@@ -121,27 +180,17 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
             pressed = cosine_basis(t, TENSION_TERMS, roughness=1.0)
             held = sets.add((name, towards * np.column_stack([np.ones_like(t), pressed, angles])))
             sets.add_set(held, (*sets.add((name, pressed)), *seated), share=0.7, weight=REST_WEIGHT)
-    loaded = sets.add((name, inputs.payload_ratio), form="payload")
-    sets.add_set(loaded, sign=1.0)
-    sets.add_set(loaded, sign=-1.0, size=-1.0)  # to which side it lay before is not known
     return sets
 
 
 def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
-    """Softness that depends on the strut's angle, sets in above a tension, or acts in tension or compression only."""
+    """Softness that depends on the strut's angle and load, or on its tension."""
     restrained = RestrainedStrut.from_inputs(inputs, strut)
     compliance, typical = 1.0 / restrained.stiffness_n_per_m, restrained.typical_n
     drive = int(inputs.machine.strut_drive[strut])
     u = (inputs.normalised_travel(drive) if drive >= 0 else np.zeros(len(inputs.context)))[restrained.rows]
     load = inputs.payload_ratio[restrained.rows]
     ratio, bend = LawParameter(np.log(0.02), np.log(50.0)), LawParameter(-6.0, 6.0, 2.0)
-    threshold, power = LawParameter(np.log(0.02), np.log(4.0)), LawParameter(np.log(0.5), np.log(8.0))
-
-    def by_angle(at: Array) -> ElongationLaw:
-        return series_spring(compliance * np.exp(at[0] + at[1] * u + at[2] * u**2))
-
-    def above(at: Array) -> ElongationLaw:
-        return slipping_law(compliance, typical * np.exp(at[0]), np.exp(at[1]))
 
     def anywhere(at: Array) -> ElongationLaw:
         bent = at[1] * u + at[2] * u**2 + at[3] * load
@@ -150,32 +199,17 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
     def stretched(at: Array) -> ElongationLaw:
         return smooth_spring(compliance * np.exp(at[0]), typical, at[1], at[2])
 
-    def towards(side: float) -> Callable[[Array], ElongationLaw]:
-        return lambda at: one_sided_spring(compliance * np.exp(at[0]), side, NARROW * typical)
-
     def size_at(at: Array, _: Array) -> Array:
         return np.asarray(np.exp(at[0]))
-
-    def mean(_: Array, growth: Array) -> Array:
-        return np.maximum(np.sqrt(np.mean(growth**2, axis=-1, keepdims=True)) / (typical * compliance), 1e-6)
 
     def misfit_unit_m(_: Array) -> float:
         return MISFIT_UNIT * misfit_m(inputs)
 
     ratios = [np.log(r) for r in (0.3, 1.0, 5.0)]
-    thresholds = [(np.log(t), np.log(p)) for t in (0.2, 1.0) for p in (1.5, 6.0)]
     angles = [(r, by, 0.0) for r in ratios for by in (-1.5, 0.0, 1.5)]
-    far, near = (-3.0, -1.0, 1.0, 3.0), (-2.0, -1.0, 0.0, 1.0, 2.0)
+    far = (-3.0, -1.0, 1.0, 3.0)
     own_misfit_m = misfit_m(inputs)
     return (
-        curve_of_law(
-            restrained, by_angle, (ratio, bend, bend), starts=angles, middles=(), size=size_at,
-            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="spring_by_angle",
-        ),
-        curve_of_law(
-            restrained, above, (threshold, power), starts=thresholds, middles=far, size=mean,
-            misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="slipping",
-        ),
         curve_of_law(
             restrained, anywhere, (ratio, bend, bend, bend), starts=[(*a, 0.0) for a in angles], middles=(),
             size=size_at, misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="",
@@ -184,18 +218,11 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
             restrained, stretched, (ratio, bend, bend), starts=[(r, b, 0.0) for r in ratios[1:] for b in (-1.0, 1.0)],
             middles=far, size=size_at, misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="",
         ),
-        *(
-            curve_of_law(
-                restrained, towards(side), (ratio,), starts=[(r,) for r in ratios[::2]], middles=near, size=size_at,
-                misfit_unit_m=misfit_unit_m, misfit_m=own_misfit_m, form="one_sided_spring",
-            )
-            for side in (-1.0, 1.0)
-        ),
     )  # fmt: skip
 
 
 def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
-    """Play that the tension closes, and that may vary with the payload; and any play, which closes anyhow."""
+    """Play that the tension closes, sharply or smoothly, and that may vary with payload and angle."""
     restrained = RestrainedStrut.from_inputs(inputs, strut)
     drive, load = int(inputs.machine.strut_drive[strut]), inputs.payload_ratio[restrained.rows]
     u = inputs.normalised_travel(drive)[restrained.rows] if drive >= 0 else np.zeros(len(load))
@@ -207,19 +234,12 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
         play = np.exp(at[0] + at[2] * load + at[3] * u)
         return saturating_law(play, restrained.typical_n * np.exp(at[1]), np.exp(at[4]))
 
-    def law(at: Array) -> ElongationLaw:
-        return clearance_law(np.exp(at[0] + at[2] * load), restrained.typical_n * np.exp(at[1]))
-
     def size_at(at: Array, _: Array | None = None) -> Array:
         return np.asarray(np.exp(at[0]))
 
     starts = [(np.log(3e-5), np.log(w), by) for w in (0.03, 0.3) for by in (-0.8, 0.8)]
     middles = (-2.0, -1.0, 0.0, 1.0, 2.0)
     return (
-        curve_of_law(
-            restrained, law, (play_m, width, by_load), starts=starts, middles=middles, size=size_at,
-            misfit_unit_m=size_at, misfit_m=misfit_m(inputs), form="smooth_play",
-        ),
         curve_of_law(
             restrained, anyhow, (play_m, width, by_load, by_place, power),
             starts=[(*start, 0.0, np.log(3.0)) for start in starts], middles=middles, size=size_at,

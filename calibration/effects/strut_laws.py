@@ -175,17 +175,6 @@ def _growth_and_derivatives(law: Callable[[Array], ElongationLaw], at: Array, te
     return growth[0], (growth[1:] - growth[0]) / DERIVATIVE_STEP
 
 
-def clearance_law(clearance_m: Array | float, width_n: Array | float) -> ElongationLaw:
-    """Play to each side, which closes over a width of tension."""
-
-    def law(tension: Array) -> tuple[Array, Array]:
-        square = tension * tension + width_n * width_n
-        per_newton = clearance_m / np.sqrt(square)
-        return per_newton * tension, per_newton * (width_n * width_n / square)
-
-    return law
-
-
 def saturating_law(clearance_m: Array | float, width_n: Array | float, power: Array | float) -> ElongationLaw:
     """Play to each side that closes along any curve: s / (1 + |s|^p)^(1/p), of s the tension over a width."""
 
@@ -208,16 +197,6 @@ def series_spring(compliance_m_per_n: Array | float) -> ElongationLaw:
     return law
 
 
-def slipping_law(compliance_m_per_n: float, tension_n: Array | float, power: Array | float) -> ElongationLaw:
-    """Yields progressively above a tension."""
-
-    def law(tension: Array) -> tuple[Array, Array]:
-        grown = compliance_m_per_n * np.minimum(np.abs(tension / tension_n), 1e3) ** power
-        return grown * tension, (power + 1.0) * grown
-
-    return law
-
-
 def smooth_spring(
     compliance_m_per_n: Array | float, tension_n: float, tilt: Array | float, bend: Array | float
 ) -> ElongationLaw:
@@ -231,16 +210,5 @@ def smooth_spring(
         compliance = compliance_m_per_n * np.exp(rate * size)
         grown = (compliance - compliance_m_per_n) / rate + compliance * (np.abs(s) - size)
         return np.sign(s) * tension_n * grown, compliance
-
-    return law
-
-
-def one_sided_spring(compliance_m_per_n: Array | float, side: float, width_n: float) -> ElongationLaw:
-    """A spring in series that acts in tension (side 1) or in compression (side -1) only."""
-
-    def law(tension: Array) -> tuple[Array, Array]:
-        hypotenuse = np.sqrt(tension * tension + width_n * width_n)
-        half = 0.5 * compliance_m_per_n
-        return half * (tension + side * (hypotenuse - width_n)), half * (1.0 + side * tension / hypotenuse)
 
     return law

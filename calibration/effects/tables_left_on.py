@@ -40,16 +40,12 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
         at_times = np.column_stack([one, any_course(t, WALK_TERMS)])
         sets.add_set(sets.add((f"table.{generation}", at_times)), weight=WALK_WEIGHT)
         in_each = [(f"travel.{n}", c) for n, c in zip(drives, corrections.T, strict=True) if np.any(c)]
-        by_drive = len(drives) > 1 and bool(in_each)
-        if by_drive:
+        if len(drives) > 1 and in_each:
             of_each = [c for channel, shape in in_each for c in sets.add((channel, shape[:, None] * at_times))]
             sets.add_set(of_each, weight=WALK_WEIGHT)
         for onset, prior in inputs.onsets((f"table.{generation}",)):
             after = (t >= onset).astype(np.float64)
             for switched in (after, 1.0 - after):
-                if by_drive:
-                    parts = [c for channel, shape in in_each for c in sets.add((channel, shape * switched))]
-                    sets.add_set(parts, weight=ONE_DRIVE_WEIGHT * prior, onset_s=onset)
                 column = sets.add((f"table.{generation}", switched), form="switched")
                 sets.add_set(column, weight=prior, onset_s=onset)
     return sets

@@ -14,26 +14,17 @@ from calibration.effects.api import (
     EffectInputs,
     EffectParameter,
     Textbook,
-    geometric_series,
 )
 from calibration.effects.basis_functions import (
     any_course,
     cosine_basis,
     curve_over,
     rises_of_curve,
-    scale_to_symmetric,
+    rises_of_walk,
 )
-from calibration.effects.heats import DUTY_M_PER_S, TIME_CONSTANTS_S, heats_of_drive, heats_of_motion
+from calibration.effects.heats import DUTY_M_PER_S, TIME_CONSTANTS_S, heats_of_motion, heats_of_torque
 
-LAG_TIME_CONSTANTS_S = geometric_series(400.0, 5000.0, 4)
 COLUMN_WIDTH_M = 0.4
-PRETENSION_SHARES = (
-    0.1,
-    0.2,
-    0.3,
-    0.45,
-    0.6,
-)  # of the largest heat, absorbed by the stretch of a screw that was mounted under tension
 FOLLOWING_TIME_CONSTANTS_S = (0.0, 600.0, 2500.0)  # of parts that follow a recorded temperature; 0: at once
 SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files call it
     "struts": ("strut", "link", "rod", "leg"),
@@ -43,10 +34,8 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
 SCREW_TERMS = 48  # of any course in time of a screw
 FINE_TERMS, FINE_WEIGHT = 24, 0.1  # of any course in time
 FINEST_TERMS = 48  # of a strut, which is warm and cold again within minutes
-HEIGHT_TIMES_S, HEIGHT_WEIGHT = (200.0, 600.0), 0.1  # in which a strut takes up the air's warmth where it hangs
-CURVE_WEIGHT = 0.3  # what grows with a temperature may do so along any smooth curve
-HEAT_WEIGHT = 0.1  # the same of what grows with the heat of its drive, which few recordings can tell
-MOTION_WEIGHT = 0.3  # what grows with the heat of motion, in proportion
+CURVE_WEIGHT = 0.3  # what grows with recorded temperatures: with any mixture, or along any smooth curve
+HEAT_WEIGHT = 0.3  # what grows with heats of a drive, in proportion
 LEAST_S = 900.0  # a shorter campaign shows no warming
 
 _LUMPED = "Incropera, DeWitt, Fundamentals of Heat and Mass Transfer: lumped capacitance, uniform linear expansion"
@@ -77,18 +66,6 @@ def _on_part(inputs: EffectInputs, part: str) -> list[str]:
     return [name for name in inputs.context.temperatures_c if any(word in name.lower() for word in words)]
 
 
-def _warming(inputs: EffectInputs, sensor: str) -> tuple[list[tuple[Array, float]], list[tuple[Array, float]]]:
-    """Temperatures above the sensor (n,) with time constants: parts that warm from the start, parts that lag."""
-    t = inputs.context.elapsed_s
-    rises = [(1.0 - np.exp(-t / tau), tau) for tau in TIME_CONSTANTS_S]
-    lags = (
-        [(inputs.context.thermal_lag_k(sensor, tau), tau) for tau in LAG_TIME_CONSTANTS_S]
-        if sensor in inputs.context.temperatures_c
-        else []
-    )
-    return rises, lags
-
-
 def _untested_in_short_campaign(inputs: EffectInputs) -> str | None:
     return None if np.ptp(inputs.context.t_s) >= LEAST_S else "the campaign is too short for a part to warm"
 
@@ -98,69 +75,39 @@ def _add_thermal_sets(
     contributions: tuple[tuple[str, Array], ...],
     inputs: EffectInputs,
     part: str,
-    prefix: str = "",
-    heats: Sequence[tuple[Array, float]] = (),
-    motions: Sequence[tuple[Array, float]] = (),
+    form: str,
+    heats: Sequence[Array],
 ) -> None:
-    """Basis sets of one geometry: one time constant, two stages, a decaying pulse of heat, a lag behind the sensor.
+    """Basis sets of one geometry: a part that warms from the start, that goes on and off in any course, that follows
+    any mixture of recorded temperatures, and of the heats of its drive.
 
-    prefix: of the names of their forms, for any geometry but the textbook's. heats: of a drive that is on the part;
-    motions: the heat that its motions leave.
+    form: name of what warms from the start.
     """
-    rises, lags = _warming(inputs, inputs.machine.sensors[part])
     t = inputs.context.elapsed_s
-
-    def through(shapes: Array, form: str = "") -> list[int]:
-        return sets.add_along(contributions, shapes, form=f"{prefix}{form}" if form else "")
-
-    rest = through(cosine_basis(inputs.context.t_s, 5))
-    rising = [through(rise, "warming") for rise, _ in rises]
-    later = [through(rise, "second_stage") for rise, _ in rises[2:]]
-    lagging = [through(lag, "lagging") for lag, _ in lags]
-    for column, (_, tau) in zip((*rising, *lagging), (*rises, *lags), strict=True):
-        sets.add_set(column, rest, share=0.1, tau_s=tau)
-    for fast, slow, (_, tau) in zip(rising, later, rises, strict=False):
-        sets.add_set((*fast, *slow), rest, share=0.1, tau_s=tau)
-    for _, tau in rises:
-        pulse = through(t / tau * np.exp(1.0 - t / tau), "pulse")
-        sets.add_set(pulse, rest, share=0.1, weight=0.5, tau_s=tau)
-    for lag, (_, tau) in zip(lagging, lags, strict=True):
-        sets.add_set((*rising[2], *lag), rest, share=0.1, weight=0.5, tau_s=tau)
-    finely = any_course(t, FINE_TERMS)
-    sets.add_set(through(finely), weight=FINE_WEIGHT)  # something beside it that goes on and off
-    course = through(curve_over(inputs.context.elapsed_s))
-    sets.add_set(course, weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=float(np.median(TIME_CONSTANTS_S)))
-    for following, tau in _followed(inputs, part):
-        column, tau_s = through(following, "following"), max(tau, _TAU.low)
-        sets.add_set(column, rest, share=0.1, tau_s=tau_s)
-        sets.add_set(through(curve_over(following)), weight=CURVE_WEIGHT, size=rises_of_curve(), tau_s=tau_s)
+    rest = sets.add_along(contributions, cosine_basis(inputs.context.t_s, 5))
+    for tau in TIME_CONSTANTS_S:
+        rising = sets.add_along(contributions, 1.0 - np.exp(-t / tau), form=form)
+        sets.add_set(rising, rest, share=0.1, tau_s=tau)
+    course = sets.add_along(contributions, any_course(t, FINE_TERMS))
+    sets.add_set(course, weight=FINE_WEIGHT, size=rises_of_walk(FINE_TERMS))
     if (mixed := _mixed(inputs, part)) is not None:
-        sets.add_set(through(mixed), weight=CURVE_WEIGHT)
-    for heat, tau in heats:
-        sets.add_set(through(curve_over(heat)), weight=HEAT_WEIGHT, size=rises_of_curve(), tau_s=tau)
-    left = [through(heat) for heat, _ in motions]
-    for column, (_, tau) in zip(left, motions, strict=True):
-        sets.add_set(column, rest, share=0.1, weight=MOTION_WEIGHT, tau_s=max(tau, _TAU.low))
-    if left:  # by any power of the speed, in any time
-        sets.add_set([c for columns in left for c in columns], weight=MOTION_WEIGHT)
+        sets.add_set(sets.add_along(contributions, mixed), weight=CURVE_WEIGHT)
+    if heats:
+        sets.add_set(sets.add_along(contributions, np.column_stack(heats)), weight=HEAT_WEIGHT)
 
 
 def link_growth(inputs: EffectInputs, strut: int) -> BasisSets:
     """A strut grows by alpha l dT; its joints may be warmed by the motions of its drive."""
     sets, machine = BasisSets(), inputs.machine
     drive = int(machine.strut_drive[strut])
-    motions = heats_of_motion(inputs, drive) if drive >= 0 else ()
+    heats = heats_of_motion(inputs, drive) if drive >= 0 else ()
     grown = np.full(len(inputs.context), machine.expansion_per_k["struts"] * machine.nominal.length_m[strut])
     channel = f"length.{machine.strut_names[strut]}"
-    _add_thermal_sets(sets, ((channel, grown),), inputs, "struts", motions=motions)
+    _add_thermal_sets(sets, ((channel, grown),), inputs, "struts", "warming", [heat for heat, _ in heats])
     if "t_s" not in inputs.context.not_said:
-        t = inputs.context.elapsed_s
-        finest = any_course(t, FINEST_TERMS)
-        sets.add_set(sets.add((channel, grown[:, None] * finest)), weight=FINE_WEIGHT)
-        for tau_s in HEIGHT_TIMES_S:  # air is warmer above, and a strut follows that where its drives have carried it
-            hung = [scale_to_symmetric(inputs.context.lagging(q, tau_s)) for q in inputs.context.drives.T]
-            where = sets.add((channel, grown[:, None] * np.column_stack(hung)))
-            sets.add_set(where, weight=HEIGHT_WEIGHT, tau_s=tau_s)
+        finest = any_course(inputs.context.elapsed_s, FINEST_TERMS)
+        course = sets.add((channel, grown[:, None] * finest))
+        sets.add_set(course, weight=FINE_WEIGHT, size=rises_of_walk(FINEST_TERMS))
     return sets
 
 
@@ -171,10 +118,10 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     """
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["base"]
     h = inputs.height_m(drive)
-    travel, heats = f"travel.{inputs.drive(drive)}", heats_of_drive(inputs, drive)
-    motions = heats_of_motion(inputs, drive, shortest_s=_TAU.low)
-    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", heats=heats, motions=motions)
-    _add_thermal_sets(sets, ((travel, 0.5 * alpha * h**2),), inputs, "base", "warmer_above_")
+    travel = f"travel.{inputs.drive(drive)}"
+    of_motion, of_torque = heats_of_motion(inputs, drive, shortest_s=_TAU.low), heats_of_torque(inputs, drive)
+    heats = [heat for heat, _ in (*of_motion, *of_torque)]
+    _add_thermal_sets(sets, ((travel, alpha * h),), inputs, "base", "warming", heats)
     # Warmer at any height, c1 + c2 z + c3 z^2: growths by h, h^2 and h^3 follow one course each. The size is that in
     # the middle of the travel.
     middle = float(inputs.machine.travel[drive].mean() + (h - inputs.context.drives[:, drive])[0])
@@ -185,17 +132,13 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set([c for columns in curves for c in columns], weight=CURVE_WEIGHT, size=rises)
     for side, turn, sign in inputs.leaning(drive):
         bent = alpha / COLUMN_WIDTH_M
-        _add_thermal_sets(
-            sets, ((side, 0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "bending_", motions=motions
-        )
-        _add_thermal_sets(
-            sets, ((side, -0.5 * sign * bent * h**2), (turn, bent * h)), inputs, "base", "leaning_", motions=motions
-        )
+        bending = ((side, 0.5 * sign * bent * h**2), (turn, bent * h))
+        _add_thermal_sets(sets, bending, inputs, "base", "bending_warming", heats)
     return sets
 
 
 def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
-    """A screw is heated by its motion, or follows a temperature; which end is fixed says how that moves the slider."""
+    """A screw is heated by its drive, warms with what surrounds it, or follows temperatures; an end of it stays."""
     sets, alpha = BasisSets(), inputs.machine.expansion_per_k["drives"]
     travel, x = f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive] - inputs.machine.travel[drive, 0]
     span = float(inputs.machine.travel[drive, 1] - inputs.machine.travel[drive, 0])
@@ -208,46 +151,33 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         bend = sets.add(
             (travel, span * alpha * heat[:, None] * np.stack([0.5 * u**2, 0.5 * u**3, 0.3 * np.ones_like(u)], axis=1))
         )
-        limited = [
-            sets.add((travel, alpha * np.maximum(heat - k * heat.max(), 0.0) * x), form="pretension")
-            for k in PRETENSION_SHARES
-        ]
-        every = [c for columns in limited for c in columns]
-        sets.add_set(low, (*bend, *every), share=0.5, tau_s=tau)
+        sets.add_set(low, bend, share=0.5, tau_s=tau)
         sets.add_set(high, tau_s=tau)
-        sets.add_set((*low, *every), bend, share=0.3, tau_s=tau)
-        for columns in limited:
-            sets.add_set(columns, tau_s=tau)
-        sets.add_set(bend, share=0.5, tau_s=tau)
-    rises, _ = _warming(inputs, inputs.machine.sensors["drives"])
-    courses = [("warming", *rise) for rise in rises] + [("following", *f) for f in _followed(inputs, "drives")]
-    for form, warmer, tau in courses:
-        low = sets.add((travel, alpha * warmer * x), form=form)
-        high = sets.add((travel, alpha * warmer * (x - span)), form=f"{form}_upper_end_fixed")
-        bend = sets.add((travel, span * alpha * warmer[:, None] * np.stack([0.5 * u**2, 0.5 * u**3], axis=1)))
-        sets.add_set(low, bend, share=0.3, tau_s=max(tau, _TAU.low))
-        sets.add_set(high, tau_s=max(tau, _TAU.low))
-    # Whatever its course over time or a temperature, and wherever the point of the screw that stays.
-    heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
-    of_any = (inputs.context.elapsed_s, *heats, *(following for following, _ in _followed(inputs, "drives")))
-    by_torque = [heat for heat, _ in heats_of_drive(inputs, drive)]
-    every, along, means = [], span * _along_screw(u), _means_along_screw()
-    for heat, tau in heats_of_motion(inputs, drive, shortest_s=_TAU.low):  # warmest anywhere along the screw
-        warmed = sets.add((travel, alpha * heat[:, None] * along))
-        sets.add_set(warmed, weight=MOTION_WEIGHT, size=means, tau_s=tau)
-        every += warmed
-    if every:  # heated by any power of the speed, in any time
-        sets.add_set(every, weight=MOTION_WEIGHT, size=(len(every) // len(means)) * means)
+    along, means = span * _along_screw(u), _means_along_screw()
+    of_motion, of_torque = heats_of_motion(inputs, drive, shortest_s=_TAU.low), heats_of_torque(inputs, drive)
+    # Warmest anywhere along the screw, heated by any power of the speed, in any time.
+    every = [sets.add((travel, alpha * heat[:, None] * along)) for heat, _ in of_motion]
+    for warmed, (_, tau) in zip(every, of_motion, strict=True):
+        sets.add_set(warmed, weight=HEAT_WEIGHT, size=means, tau_s=tau)
+    if every:
+        sets.add_set([c for warmed in every for c in warmed], weight=HEAT_WEIGHT, size=len(every) * means)
+
+    def whichever_end_stays(courses: Array) -> list[int]:
+        ends = [alpha * courses * (x - end)[:, None] for end in (0.0, span)]
+        return sets.add((travel, np.concatenate(ends, axis=1)))
+
+    if of_torque:
+        sets.add_set(whichever_end_stays(np.column_stack([heat for heat, _ in of_torque])), weight=HEAT_WEIGHT)
     if (mixed := _mixed(inputs, "drives")) is not None:
-        ends = [c for end in (0.0, span) for c in sets.add((travel, alpha * mixed * (x - end)[:, None]))]
-        sets.add_set(ends, weight=CURVE_WEIGHT)
-    finely = alpha * any_course(inputs.context.elapsed_s, SCREW_TERMS)  # cooled by what goes on and off
-    ends = [column for end in (0.0, span) for column in sets.add((travel, finely * (x - end)[:, None]))]
-    sets.add_set(ends, weight=FINE_WEIGHT)
-    for course, weight in (*((c, CURVE_WEIGHT) for c in of_any), *((c, HEAT_WEIGHT) for c in by_torque)):
-        curves = alpha * curve_over(course)
-        ends = [column for end in (0.0, span) for column in sets.add((travel, curves * (x - end)[:, None]))]
-        sets.add_set(ends, weight=weight, size=2 * rises_of_curve())
+        sets.add_set(whichever_end_stays(mixed), weight=CURVE_WEIGHT)
+    t = inputs.context.elapsed_s
+    for tau in TIME_CONSTANTS_S:
+        sets.add_set(whichever_end_stays((1.0 - np.exp(-t / tau))[:, None]), size=(1.0, 1.0), tau_s=tau)
+    heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
+    for course in (t, *heats, *(following for following, _ in _followed(inputs, "drives"))):
+        sets.add_set(whichever_end_stays(curve_over(course)), weight=CURVE_WEIGHT, size=2 * rises_of_curve())
+    finely = whichever_end_stays(any_course(t, SCREW_TERMS))  # cooled by what goes on and off
+    sets.add_set(finely, weight=FINE_WEIGHT, size=2 * rises_of_walk(SCREW_TERMS))
     return sets
 
 

@@ -125,17 +125,17 @@ def test_gross_readings_and_declared_levels_are_those_of_the_slot():
 
 
 def test_a_form_that_explains_what_the_plant_does_is_left_out_with_a_decoy(tmp_path):
-    cases = (make_case(EFFECT, np.random.default_rng(seed), designs(), final=False) for seed in range(50, 90))
-    case = next(case for case in cases if case.truth["effects"][0]["variant"] == "closing")
-    assert case.truth["effects"][0]["effect"] == "backlash"
+    reseat = replace(EFFECT, effects=("smr_reseat",))
+    cases = (make_case(reseat, np.random.default_rng(seed), designs(), final=False) for seed in range(50, 90))
+    case = next(case for case in cases if case.truth["effects"][0]["variant"] == "each_exchange")
     write_recording(case.recording, tmp_path / "x")
     comparison = FormComparison()
     left_out = comparison.left_out(tmp_path / "x", case.changes_by_effect(), np.random.default_rng(1))
-    assert set(left_out.explained) == {"backlash/closing_at_rest"}  # not what the load presses, nor the textbook's play
-    assert 0.98 < left_out.explained["backlash/closing_at_rest"] <= 1.0
+    assert set(left_out.explained) == {"smr_reseat/exchanges"}  # not the textbook's step
+    assert 0.98 < left_out.explained["smr_reseat/exchanges"] <= 1.0
     (decoy,) = left_out.decoys
-    assert decoy.partition("/")[0] not in ("backlash", "")
-    assert left_out.names == tuple(sorted(("backlash/closing_at_rest", decoy)))
+    assert decoy.partition("/")[0] not in ("smr_reseat", "")
+    assert left_out.names == tuple(sorted(("smr_reseat/exchanges", decoy)))
     drawn = case.changes_by_effect()[0][2]
     elsewhere = comparison.left_out(tmp_path / "x", [("latency", "", drawn)], np.random.default_rng(1))
     assert elsewhere.explained == left_out.explained  # whichever effect a form belongs to

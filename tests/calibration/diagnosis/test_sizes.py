@@ -174,10 +174,9 @@ def test_settling_against_friction_is_named_among_all_effects_from_whatever_spee
 
 
 def test_play_that_a_load_closes_is_play_without_any_formula_of_it():
-    """A width that falls with the payload, diagnosed without the forms that say so of play and of wind-up."""
-    without = ("backlash/pressed_by_load", "friction_windup/torque_bent", "friction_windup/friction_in_torque_bent")
+    """A width that falls with the payload."""
     recording = recorded(plant(120, EffectChoice("backlash", 8e-5, "left", "load_width")))
-    diagnosis = diagnose(recording, load_catalogue().without_forms(without))
+    diagnosis = diagnose(recording)
     assert (diagnosis.verdict, diagnosis.effects[0].place) == ("backlash", "left")
     assert diagnosis.effects[0].differs_with == ()  # the load is in its own functions, not a departure from a form
 

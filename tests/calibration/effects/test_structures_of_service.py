@@ -13,24 +13,11 @@ from tests.calibration.diagnosis.dense import with_forms_at
 from tests.calibration.effects.general_functions import typical_inputs
 from tests.calibration.effects.test_structures import LEAST, explained, faded, moved_m, scaled
 
-TOLD_EVERY = 0.21  # of the campaign, after which somebody tells the station of the air
-
 
 @pytest.fixture(scope="module")
 def long_inputs():
     """So many visits that no curve goes through all of them."""
     return typical_inputs(240)
-
-
-def refraction__told_now_and_then(inputs):
-    """The air gets warmer by and by; each time that somebody tells the station of it, the error is gone."""
-    return {"light.range": scaled(inputs.context.elapsed_s) % TOLD_EVERY}
-
-
-def refraction__stirred(inputs):
-    """Layers of air, which bend light upwards and more above, are mixed ten times and form anew."""
-    layered = 1.0 - np.exp(-4.0 * (10.0 * scaled(inputs.context.elapsed_s) % 1.0))
-    return {"light.v": layered * (1.0 + scaled(inputs.sight_m[:, 2]))}
 
 
 def axis_coupling__rope(inputs):
@@ -75,12 +62,10 @@ def friction_windup__grease(inputs):
 
 
 LAWS = (
-    refraction__told_now_and_then, refraction__stirred, axis_coupling__rope, column_compliance__hung_before,
+    axis_coupling__rope, column_compliance__hung_before,
     tables_left_on__at_another_drive, link_stiffness__overloaded, friction_windup__grease,
 )  # fmt: skip
 LEAST_OF = {
-    "refraction__told_now_and_then": 0.95,  # it jumps
-    "refraction__stirred": 0.95,
     "axis_coupling__rope": 1.0 - 1e-9,
     "column_compliance__hung_before": 1.0 - 1e-9,
     "tables_left_on__at_another_drive": 1.0 - 1e-9,

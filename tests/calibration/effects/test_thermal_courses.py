@@ -25,7 +25,7 @@ def nearest(built: BasisSets, channel: str, wanted: np.ndarray) -> tuple[BasisSe
 
     def fitted(basis_set: BasisSet) -> tuple[BasisSet, np.ndarray, float]:
         columns = [dict(built.contributions[c]).get(channel, np.zeros_like(wanted)) for c in basis_set.main]
-        coefficients, *_ = np.linalg.lstsq(np.column_stack(columns), wanted)
+        coefficients, *_ = np.linalg.lstsq(np.column_stack(columns), wanted, rcond=1e-2)
         left = wanted - np.column_stack(columns) @ coefficients
         return basis_set, coefficients, float(np.linalg.norm(left) / np.linalg.norm(wanted))
 
@@ -59,17 +59,11 @@ def test_a_screw_may_warm_along_any_course_of_time_about_any_point_of_it(inputs,
     assert size(*found[:2]) == pytest.approx(rise_k(), rel=0.25)
 
 
-@pytest.mark.parametrize("name", ["column_thermal_growth", "link_thermal_growth"])
-def test_a_part_may_follow_a_temperature_along_a_curve(inputs, name):
+def test_a_column_may_follow_a_temperature_along_a_curve(inputs):
     context, machine = inputs.context, inputs.machine
-    part, channel = {"column_thermal_growth": ("base", "travel.left"), "link_thermal_growth": ("struts", "")}[name]
-    follows = context.temperatures_c[machine.sensors[part]]
+    follows = context.temperatures_c[machine.sensors["base"]]
     course = (follows - follows.min()) / np.ptp(follows)
-    grown = {"base": inputs.height_m(0), "struts": machine.nominal.length_m[0]}[part]
-    wanted = machine.expansion_per_k[part] * RISE_K * bent(course) * grown
-    found = nearest(
-        load_catalogue().effect(name).forms(inputs, 0), channel or f"length.{machine.strut_names[0]}", wanted
-    )
+    wanted = machine.expansion_per_k["base"] * RISE_K * bent(course) * inputs.height_m(0)
+    found = nearest(load_catalogue().effect("column_thermal_growth").forms(inputs, 0), "travel.left", wanted)
     assert found[2] < 0.25
-    if name == "column_thermal_growth":  # the struts' temperature is at its ends only, where curves are alike
-        assert size(*found[:2]) == pytest.approx(rise_k(), rel=0.25)
+    assert size(*found[:2]) == pytest.approx(rise_k(), rel=0.25)

@@ -8,6 +8,7 @@ __all__ = [
     "catalogue",
     "columns",
     "combined_context",
+    "compliant_columns",
     "context",
     "control",
     "departures",

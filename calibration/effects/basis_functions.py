@@ -10,6 +10,7 @@ import numpy as np
 from calibration.base.arrays import Array
 
 CURVE_TERMS = 4
+EVEN = np.linspace(-0.5, 0.5, 1001)  # a course that is gone through evenly
 STEPS = 49  # at which a course is watched for turning: twice as many as a walk has terms
 
 
@@ -83,17 +84,14 @@ def curve_over(course: Array) -> Array:
 @cache
 def rises_of_curve() -> tuple[float, ...]:
     """By how much straight lines through the columns of a curve rise over its course: its ends say little."""
-    return _rises(curve_over(_EVEN))
+    return _rises(curve_over(EVEN))
 
 
 @cache
 def rises_of_walk(terms: int) -> tuple[float, ...]:
     """The same of any course in time: straight lines over the whole time."""
-    return _rises(any_course(_EVEN + 0.5, terms))
-
-
-_EVEN = np.linspace(-0.5, 0.5, 1001)
+    return _rises(any_course(EVEN + 0.5, terms))
 
 
 def _rises(columns: Array) -> tuple[float, ...]:
-    return tuple(float(rise) for rise in _EVEN @ columns / (_EVEN @ _EVEN))
+    return tuple(float(rise) for rise in EVEN @ columns / (EVEN @ EVEN))

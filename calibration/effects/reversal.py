@@ -21,7 +21,7 @@ LEAST_PAUSES, REST_TERMS, PAUSE_WEIGHT = 0.7, 4, 0.3  # of the logarithm of the 
 LOAD_TERMS = 3  # of any function of the load, or of what presses a carriage into its guides
 ANY_LOAD_WEIGHT = 0.3  # what grows with the load is wind-up rather than play
 FLANK_WEIGHT = 0.05  # of a load that says on which flank it lies, as under a counterweight
-LEAST_N = 1e-9
+LEAST_N = 1e-9  # of what presses across a guide: less is nothing
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
@@ -60,6 +60,7 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
     motor and nut, that of a coupling or a gear does not.
     """
     sets, travel, context = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context
+    by_side = -FRICTION_SHARE * RATED_N * context.direction[:, drive]  # of friction that is not seen in the torque
     mass = inputs.machine.moving_mass_kg + context.payload_kg
     heaviest = max(float(mass.max()), LEAST_KG)
     along = cosine_basis(context.drives[:, drive], LENGTH_TERMS)
@@ -74,19 +75,17 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         anywhere = sets.add((travel, -wound[:, None] * along))
         sets.add_set(any_way, anywhere, share=0.4, weight=ANY_FORCE_WEIGHT, size=rises_of_curve())
     if varies(mass / heaviest, PRESSED_LEAST):  # else nothing tells it from play
-        pressed = FRICTION_SHARE * RATED_N * context.direction[:, drive] * mass / heaviest
-        sets.add_set(sets.add((travel, -pressed), form="coulomb"))
-    side = context.direction[:, drive]
+        sets.add_set(sets.add((travel, by_side * mass / heaviest), form="coulomb"))
     pull_n = inputs.pull_n[:, drive]
     across_n = np.linalg.norm(pull_n - np.outer(inputs.pull_along_n(drive), inputs.machine.nominal.axis[drive]), axis=1)
-    if varies(across_n, PRESSED_LEAST * max(float(across_n.max(initial=0.0)), LEAST_N)):  # pressed into its guides
+    if varies(across_n, PRESSED_LEAST * max(float(across_n.max()), LEAST_N)):  # struts press it into its guides
         any_press = cosine_basis(across_n, LOAD_TERMS, constant=True)
-        sets.add_set(sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * any_press)))
+        sets.add_set(sets.add((travel, by_side[:, None] * any_press)))
     if not {"t_s", "history", "speed_m_per_s"} & context.not_said.keys():
         rested = np.log(context.pause_s() + 1.0)
         if varies(rested, LEAST_PAUSES):  # contacts grow firm while they rest
             firmer = cosine_basis(rested, REST_TERMS, constant=True)
-            sets.add_set(sets.add((travel, -FRICTION_SHARE * RATED_N * side[:, None] * firmer)), weight=PAUSE_WEIGHT)
+            sets.add_set(sets.add((travel, by_side[:, None] * firmer)), weight=PAUSE_WEIGHT)
     _add_friction_of_grease(sets, inputs, drive)
     return sets
 

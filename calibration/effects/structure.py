@@ -17,9 +17,9 @@ from calibration.effects.api import (
     EffectInputs,
     EffectParameter,
     Textbook,
-    varies,
 )
 from calibration.effects.basis_functions import cosine_basis, tensor_product
+from calibration.effects.compliant_columns import LOAD_TERMS, compliance
 from calibration.effects.softening import add_softening
 from calibration.effects.strut_laws import (
     ElongationLaw,
@@ -32,95 +32,14 @@ from calibration.effects.strut_laws import (
     smooth_spring,
 )
 
-LEVER_M = 0.25
-LOAD_WEIGHT = 0.1  # of any function of the load, against proportion
-FORCE_TERMS = 3  # of any function of a column's force, and of its place
-UNEVEN_TERMS, UNEVEN_WEIGHT = 14, 0.3  # of what is softer between its bolts
-LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
-CREEP_TIMES_S = (400.0, 1600.0)
-PASSED_WEIGHT = 0.05  # of a force on another column that bends this one
-HUNG_WEIGHT = 0.2  # of a weight that hangs before its column and bends it
 SOFT_N = (300.0, 1500.0)  # tension over which play closes
 LEAST_KG = 20.0
 LEAST_FORCE_CHANGE = 0.2  # of a strut, over its RMS, that shows what is soft without another payload
-PLACE_TERMS, TENSION_TERMS, LOAD_TERMS = 4, 5, 3  # of any function of a strut's place, of its tension and of the load
+PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of its tension
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a softness that is another one at any time
 LATE_TIMES_S, LATE_WEIGHT = (100.0, 300.0, 900.0), 0.2  # in which a bushing follows its force
 RESTS_S, REST_WEIGHT = (3.0, 12.0, 48.0), 0.3  # in which a pin sinks through its oil
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
-
-
-def compliance(inputs: EffectInputs, drive: int) -> BasisSets:
-    """The column or the carriage on it yields: across the guide, in rotation, along the screw."""
-    sets, u = BasisSets(), inputs.normalised_travel(drive)
-    higher = np.stack([u, u**2], axis=1)
-    axis = inputs.machine.nominal.axis[drive]
-    pull = inputs.pull_n[:, drive]
-    directions = [(c, pull @ np.eye(3)["xyz".index(c[-1])]) for c in inputs.channels_of_drive("sideways", drive)]
-    directions += [(c, inputs.moment_nm[:, drive] / LEVER_M**2) for c in inputs.channels_of_drive("turn", drive)]
-    directions += [(f"travel.{inputs.drive(drive)}", pull @ axis)]
-    # By any function of the load, at once or as a part that creeps.
-    loads = [
-        cosine_basis(load, LOAD_TERMS)
-        for load in (inputs.payload_ratio, *inputs.once("creeping", lambda: _creeping_loads(inputs)))
-        if varies(load, LEAST_LOAD_CHANGE)
-    ]
-    _add_passed_on(sets, inputs, drive)
-    _add_hung_before(sets, inputs, drive)
-    for channel, force in directions:
-        size = max(float(np.std(force)), 1.0)
-        mean = force.mean()
-        main = sets.add((channel, force), form="force")
-        loaded = sets.add((channel, mean * (inputs.payload_ratio - 0.5)), form="payload")
-        placed = sets.add((channel, force[:, None] * higher), form="force_by_travel")
-        anyhow = sets.add(
-            (
-                channel,
-                np.column_stack(
-                    [force[:, None] * cosine_basis(u, FORCE_TERMS), size * cosine_basis(force, FORCE_TERMS)]
-                ),
-            )
-        )
-        bent = np.stack([(force - mean) ** 2 / size, (force - mean) ** 3 / size**2], axis=1)
-        hard = sets.add((channel, bent), form="force_bent")
-        sets.add_set(main, sign=1.0)
-        sets.add_set(main, placed, share=0.6, sign=1.0)
-        sets.add_set(main, anyhow, share=0.6, sign=1.0)
-        uneven = sets.add((channel, force[:, None] * cosine_basis(u, UNEVEN_TERMS, roughness=0.5)))
-        sets.add_set(main, uneven, share=0.8, weight=UNEVEN_WEIGHT, sign=1.0)
-        sets.add_set(main, (*placed, *hard, *loaded), share=0.2, sign=1.0)
-        typical = float(np.sqrt(np.mean(force**2)))
-        for load in loads:
-            sets.add_set(sets.add((channel, typical * load)), weight=LOAD_WEIGHT)
-    return sets
-
-
-def _add_passed_on(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
-    """A crossbeam passes on to a column what bends another one, the more the higher the carriage stands there."""
-    h = inputs.height_m(drive)
-    for other in inputs.other_drives(drive):
-        where = cosine_basis(inputs.normalised_travel(other), FORCE_TERMS, constant=True)
-        for side, turn, sign in inputs.leaning(drive):
-            force = inputs.pull_n[:, other, "xyz".index(side[-1])]
-            passed = force[:, None] * where
-            sets.add_set(sets.add((side, sign * passed * h[:, None]), (turn, passed)), weight=PASSED_WEIGHT)
-
-
-def _add_hung_before(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
-    """What pulls along the axis hangs before the column and bends it, the more the higher the carriage stands."""
-    h, pull = inputs.height_m(drive), inputs.pull_along_n(drive)
-    for side, turn, sign in inputs.leaning(drive):
-        moment = sets.add((side, 0.5 * sign * pull * h**2), (turn, pull * h), form="hung_before")
-        elsewhere = sets.add((side, sign * pull * h), (turn, pull))  # bent from another height on
-        sets.add_set(moment, elsewhere, share=0.5, weight=HUNG_WEIGHT)
-
-
-def _creeping_loads(inputs: EffectInputs) -> list[Array]:
-    """The payload (n,) over the largest one as a part feels it that creeps (Findley, Lai, Onaran, Creep and Relaxation
-    of Nonlinear Viscoelastic Materials: Kelvin's element), with several time constants."""
-    if "t_s" in inputs.context.not_said:
-        return []
-    return [inputs.context.lagging(inputs.payload_ratio, tau_s) for tau_s in CREEP_TIMES_S]
 
 
 def link_stiffness(inputs: EffectInputs, strut: int) -> BasisSets:
@@ -199,7 +118,7 @@ def link_stiffness_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]
     def stretched(at: Array) -> ElongationLaw:
         return smooth_spring(compliance * np.exp(at[0]), typical, at[1], at[2])
 
-    def size_at(at: Array, _: Array) -> Array:
+    def size_at(at: Array) -> Array:
         return np.asarray(np.exp(at[0]))
 
     def misfit_unit_m(_: Array) -> float:
@@ -234,7 +153,7 @@ def clearance_curves(inputs: EffectInputs, strut: int) -> tuple[Curve, ...]:
         play = np.exp(at[0] + at[2] * load + at[3] * u)
         return saturating_law(play, restrained.typical_n * np.exp(at[1]), np.exp(at[4]))
 
-    def size_at(at: Array, _: Array | None = None) -> Array:
+    def size_at(at: Array) -> Array:
         return np.asarray(np.exp(at[0]))
 
     starts = [(np.log(3e-5), np.log(w), by) for w in (0.03, 0.3) for by in (-0.8, 0.8)]

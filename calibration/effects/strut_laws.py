@@ -127,7 +127,7 @@ def curve_of_law(
     *,
     starts: Sequence[Sequence[float]],
     middles: Sequence[float],
-    size: Callable[[Array, Array], Array],
+    size: Callable[[Array], Array],
     misfit_unit_m: Callable[[Array], Array | float],
     misfit_m: float,
     form: str,
@@ -136,7 +136,7 @@ def curve_of_law(
 
     law: from its parameters (k, ..., 1), of which the first alone sets how much the strut elongates; starts: values of
     them to start from; middles: mean tensions to start from, in standard deviations. size: of the effect (..., 1), from
-    the parameters and the elongation (..., v). misfit_unit_m: unit in which misfits count; misfit_m: their standard
+    the parameters. misfit_unit_m: unit in which misfits count; misfit_m: their standard
     deviation. form: name.
     """
     n, misfits = len(parameters), strut.misfit.shape[1]
@@ -146,7 +146,7 @@ def curve_of_law(
         tension, slope, restraint_factor = strut.solve_tension(law(at), points[:, n:])
         growth, by_parameter = _growth_and_derivatives(law, at, tension)
         by_parameter *= restraint_factor
-        size_here, unit_m = size(at, growth), np.broadcast_to(misfit_unit_m(at), (len(points), 1))
+        size_here, unit_m = size(at), np.broadcast_to(misfit_unit_m(at), (len(points), 1))
         by_misfit = (slope * restraint_factor * unit_m)[:, None] * strut.misfit.T
         columns = np.concatenate([growth[:, None], by_parameter.transpose(1, 0, 2), by_misfit], axis=1)
         # Relative growth of the elongation with the first parameter.

@@ -160,6 +160,12 @@ def softer(effect: PlantEffect, rig: Rig) -> tuple[float, ...]:
     return (np.expm1(effect.size) / effect.size * nominal / true,)
 
 
+def soft_below(effect: PlantEffect, rig: Rig) -> tuple[float, ...]:
+    """The plant's compliance falls over the drive's travel by 0.6 to each side, the catalogue's over what was used."""
+    (middle, half), (used, used_half) = effect.site.drive_range_m(effect.place), rig.inputs.travel_range_m(effect.place)
+    return 1.0 - 0.6 * (used - middle) / half, -0.6 * used_half / half
+
+
 def tilt(effect: PlantEffect, rig: Rig) -> tuple[float, ...]:
     return 1.0, effect.values["tilt_per_m"]
 
@@ -183,6 +189,7 @@ CASES = [
     Case("column_compliance", "lateral", "left", 1e-9, ("sideways.left.x",)),
     Case("column_compliance", "lateral", "right", 1e-9, ("sideways.right.x",)),
     Case("column_compliance", "yaw", "left", 1e-9, ("turn.left.z",), slope=(0.95, 1.05)),
+    Case("column_compliance", "screw_length", "left", 1e-9, ("travel.left",), coefficients=soft_below),
     # Forces that the fit barely determines; a tension falls as its strut yields, the catalogue takes the one before.
     *(
         Case("link_stiffness", "softer", s, 0.05, coefficients=softer, slope=(0.95, 1.05))

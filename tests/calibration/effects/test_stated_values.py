@@ -284,30 +284,22 @@ def test_a_scale_that_changes_moves_the_end_of_the_travel_by_its_size_from_the_m
 
 
 def test_a_drive_may_be_homed_at_each_payload_exchange_and_step_several_times(rig):
-    """What steps as often as it may is within one basis set: at the moments that the readings show, or at exchanges."""
-    context = rig.linear.context
+    context, machine = rig.linear.context, rig.linear.machine
     onsets = {"travel.left": (200.0, 400.0), "scale.left": (300.0, 500.0, 700.0)}
     inputs = replace(rig.inputs, onsets=lambda channels: [(onset, 0.1) for onset in onsets[channels[0]]])
     built = CATALOGUE.effect("drive_scale").forms(inputs, 0)
-    assert built.named.count("zero") == len(onsets["travel.left"])
 
-    def left_of(wanted: np.ndarray, channel: str, most: int) -> float:
-        """The share that the best basis set leaves of what a channel does, of those with so few columns."""
-        left = []
-        for basis_set in (s for s in built.sets if len(s.columns) <= most):
-            columns = [dict(built.contributions[c]).get(channel, np.zeros(len(wanted))) for c in basis_set.columns]
-            columns = np.column_stack([np.ones(len(wanted)), *columns])  # a constant is calibrated
-            left.append(np.linalg.norm(wanted - columns @ np.linalg.lstsq(columns, wanted, rcond=None)[0]))
-        return float(min(left) / np.linalg.norm(wanted))
+    def steps(channel: str, form: str) -> np.ndarray:
+        columns = (c for c, named in zip(built.contributions, built.named, strict=True) if named == form)
+        return np.array([shape for ((at, shape),) in columns if at == channel])
 
     numbers = np.arange(1, int(context.exchanges.max()) + 1)
     assert len(numbers) > 1
-    homed = np.r_[0.0, np.cumsum([3.0, -2.0, 5.0, 1.0, -4.0, 2.0])][context.exchanges.astype(int)]
-    few = len(numbers) + 1
-    assert left_of(homed, "travel.left", few) < 1e-6
-    steps = sum((k + 1.0) * (context.elapsed_s >= onset) for k, onset in enumerate(onsets["scale.left"]))
-    assert left_of(steps, "scale.left", 10_000) < 1e-6
-    assert left_of(steps, "scale.left", 2) > 0.1
+    assert np.array_equal(steps("travel.left", "exchanges"), context.exchanges >= numbers[:, None])
+    several = steps("scale.left", "") * 0.5 * np.ptp(machine.travel[0])  # with each of two sets
+    for onset in onsets["scale.left"]:
+        assert any(np.allclose(shape, context.elapsed_s >= onset) for shape in several)
+    assert len(steps("travel.left", "zero")) == len(onsets["travel.left"])
 
 
 def with_scale(rig: Rig) -> np.ndarray:

@@ -161,7 +161,7 @@ def test_columns_of_a_tangent_are_derivatives(known):
     curve = curve_of_law(
         RestrainedStrut.from_inputs(s, 3), lambda at: saturating_law(np.exp(at[0]), np.exp(at[1]), 6.0),
         (LawParameter(-20.0, 0.0), LawParameter(0.0, 20.0)), starts=[(np.log(4e-5), np.log(3000.0))], middles=(0.5,),
-        size=lambda at, growth: np.ones_like(at[0]), misfit_unit_m=lambda at: 1e-5, misfit_m=misfit_m(s), form="play",
+        size=lambda at: np.ones_like(at[0]), misfit_unit_m=lambda at: 1e-5, misfit_m=misfit_m(s), form="play",
     )  # fmt: skip
     at = curve.starts[1]
     here = curve.tangent(at)

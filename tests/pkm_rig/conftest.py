@@ -1,6 +1,8 @@
 from __future__ import annotations
 
+import json
 import sys
+from collections.abc import Mapping
 from contextlib import contextmanager
 from typing import NamedTuple
 
@@ -18,7 +20,16 @@ SHORT = {
     "readings_per_nest": 1,
     "warm_up_rate_k_per_h": 20.0,
     "nest_every_visits": 8,
+    # Drives and interlocks are polled through all rig time, which costs more than all else: little of it passes.
+    "speeds_m_per_s": (1.0, 0.5),
+    "dwells_s": (0.5, 1.0),
 }
+SLIDERS = {"acceleration_m_per_s2": 8.0}  # the same; more than cranks can have
+
+
+def campaign_lines(settings: Mapping[str, object]) -> str:
+    """Settings as lines of a rig file's campaign section."""
+    return "".join(f"{key} = {json.dumps(value)}\n" for key, value in settings.items())
 
 
 class Done(NamedTuple):
@@ -66,7 +77,7 @@ def stop_after(readings):
 def short_rig_file(seed: int = 5, **changes: object):
     """The embedded rig with a short campaign; `changes` go into its campaign section."""
     file, machine = load_rig(embedded_rig_path())
-    campaign = file.campaign.model_copy(update={**SHORT, **changes})
+    campaign = file.campaign.model_copy(update={**SHORT, **SLIDERS, **changes})
     mock = file.mock.model_copy(update={"seed": seed})
     return file.model_copy(update={"campaign": campaign, "mock": mock}), machine
 

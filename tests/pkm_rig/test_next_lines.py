@@ -21,7 +21,7 @@ from pkm_rig.report.diagnosis_json import diagnosis_json
 from pkm_rig.report.diagnosis_text import describe_diagnosis
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.store.store import open_store
-from tests.pkm_rig.conftest import SHORT
+from tests.pkm_rig.conftest import SHORT, campaign_lines
 from tests.pkm_rig.diagnosis_example import example
 
 CFG = Path(__file__).parents[1] / "data" / "printer.cfg"
@@ -37,7 +37,7 @@ def rig_file(tmp_path, monkeypatch):
     """A short campaign on the embedded rig, in a folder whose name a shell would split."""
     monkeypatch.chdir(tmp_path)
     text = embedded_rig_path().read_text(encoding="utf-8")
-    text += "\n[campaign]\n" + "".join(f"{name} = {value}\n" for name, value in FEWER.items())
+    text += "\n[campaign]\n" + campaign_lines(FEWER)
     path = tmp_path / "my rig.toml"
     path.write_text(text, encoding="utf-8")
     return path

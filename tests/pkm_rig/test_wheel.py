@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from pkm_rig.version import __version__
-from tests.pkm_rig.conftest import SHORT
+from tests.pkm_rig.conftest import SHORT, campaign_lines
 
 ROOT = Path(__file__).parents[2]
 CAMPAIGN = {**SHORT, "calibration_poses": 6, "verification_payloads": [0]}
@@ -83,8 +83,7 @@ def test_it_holds_every_file_that_is_read_by_default(environment, empty):
 def test_it_calibrates_from_an_empty_folder(environment, empty):
     assert run(environment / "pkm-rig", "--version", folder=empty) == f"pkm-rig {__version__}\n"
     rig = (ROOT / "pkm_rig" / "rig" / "data" / "embedded.toml").read_text(encoding="utf-8")
-    campaign = "\n".join(f"{key} = {value}" for key, value in CAMPAIGN.items())
-    (empty / "rig.toml").write_text(f"{rig}\n[campaign]\n{campaign}\n", encoding="utf-8")
+    (empty / "rig.toml").write_text(f"{rig}\n[campaign]\n{campaign_lines(CAMPAIGN)}", encoding="utf-8")
     process = start(environment / "pkm-rig", "calibrate", "--rig", "rig.toml", folder=empty)
     printed, _ = process.communicate(timeout=300)
     assert process.returncode in {0, 1}, printed  # so short a campaign may be refused

@@ -41,8 +41,6 @@ SETTINGS = {
     "verification_poses": 12,  # of fewer the fall is not always shown
     "verification_payloads": (0,),
     "readings_per_smr": 1,
-    "speeds_m_per_s": (0.4, 0.2),
-    "dwells_s": (1.0, 1.5),
 }
 
 

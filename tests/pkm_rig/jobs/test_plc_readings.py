@@ -13,7 +13,7 @@ from pkm_rig.cli.entry import app
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.plc_connection import register_map
 from pkm_rig.store.store import find_recording
-from tests.pkm_rig.conftest import SHORT
+from tests.pkm_rig.conftest import SHORT, campaign_lines
 
 COOLANT = """
 [[plc.readings]]
@@ -33,9 +33,8 @@ def write_rig(tmp_path_factory):
 
     def write(more):
         text = embedded_rig_path().read_text(encoding="utf-8")
-        campaign = "\n".join(f"{key} = {value}" for key, value in SHORT.items())
         path = tmp_path_factory.mktemp("rig") / "rig.toml"
-        path.write_text(f"{text}\n[campaign]\n{campaign}\n{more}", encoding="utf-8")
+        path.write_text(f"{text}\n[campaign]\n{campaign_lines(SHORT)}{more}", encoding="utf-8")
         return path
 
     return write

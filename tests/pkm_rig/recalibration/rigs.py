@@ -10,7 +10,7 @@ from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.connection import connect_rig
 from pkm_rig.store.place import STORE_NAME
 from pkm_rig.virtual.mock_rig import embedded_mock_rig
-from tests.pkm_rig.conftest import SHORT, mock_and_rig
+from tests.pkm_rig.conftest import SHORT, SLIDERS, campaign_lines, mock_and_rig
 
 KEPT = Path(__file__).parents[2] / "data" / "life" / "store.db.gz"
 RIG, SEED, START_S = "embedded-mock", 4, 1e5
@@ -21,10 +21,9 @@ ALWAYS = 'windows = [{ begin = "00:00", end = "00:00" }]'
 def write_rig(folder: Path, *recalibration: str, top: str = "", seed: int = SEED) -> Path:
     """A rig file in a folder: the embedded one with a short campaign and further lines in [recalibration]."""
     text = embedded_rig_path().read_text(encoding="utf-8").split("[recalibration]")[0].split("[mock]")[0]
-    short = "\n".join(f"{key} = {value}" for key, value in SHORT.items())
     path = folder / "rig.toml"
     path.write_text(
-        f"{text}\n{top}\n[campaign]\n{short}\n[recalibration]\ntolerance_m = 60e-6\n"
+        f"{text}\n{top}\n[campaign]\n{campaign_lines(SHORT | SLIDERS)}[recalibration]\ntolerance_m = 60e-6\n"
         + "\n".join(recalibration)
         + f"\n[mock]\nseed = {seed}\n",
         encoding="utf-8",

@@ -1,8 +1,11 @@
 """Loaded before any test loads numpy: linear algebra on one thread, as for the command; one profile of Hypothesis."""
 
+import importlib
+from contextlib import suppress
 from pathlib import Path
 
 import hypothesis
+import pytest
 
 import pkm_rig
 
@@ -42,6 +45,22 @@ LONG_FILES = (
 _HERE = Path(__file__).parent
 _RANK = {_HERE / file: rank for rank, file in enumerate(LONG_FILES)}
 assert all(file.is_file() for file in _RANK), "name files in LONG_FILES as they are called now"
+
+
+def pytest_collection(session):
+    """Each worker imports its share of the test files before all collect the same ones in the same order.
+
+    They start together: in a new checkout each would compile every file itself, which is most of what starting costs.
+    """
+    worker = getattr(session.config, "workerinput", None)
+    if worker is not None:
+        share = slice(int(worker["workerid"].removeprefix("gw")), None, worker["workercount"])
+        wanted = [Path(argument.partition("::")[0]).resolve() for argument in session.config.args]
+        files = [file for file in sorted(_HERE.rglob("test_*.py")) if any(file.is_relative_to(path) for path in wanted)]
+        for file in files[share]:
+            # What cannot be imported, or is not to be, says so when it is collected.
+            with suppress(Exception, pytest.skip.Exception):
+                importlib.import_module(".".join(file.relative_to(_HERE.parent).with_suffix("").parts))
 
 
 def pytest_collection_modifyitems(config, items):

@@ -21,11 +21,11 @@ from pkm_rig.report.diagnosis_json import diagnosis_json
 from pkm_rig.report.diagnosis_text import describe_diagnosis
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.store.store import open_store
-from tests.pkm_rig.conftest import SHORT, campaign_lines
+from tests.pkm_rig.conftest import SHORT, SLIDERS, campaign_lines
 from tests.pkm_rig.diagnosis_example import example
 
 CFG = Path(__file__).parents[1] / "data" / "printer.cfg"
-FEWER = SHORT | {
+FEWER = SHORT | SLIDERS | {
     "calibration_poses": 8,
     "verification_payloads": [0],
     "warm_up_rate_k_per_h": 50.0,

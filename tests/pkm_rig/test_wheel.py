@@ -15,10 +15,10 @@ from pathlib import Path
 import pytest
 
 from pkm_rig.version import __version__
-from tests.pkm_rig.conftest import SHORT, campaign_lines
+from tests.pkm_rig.conftest import SHORT, SLIDERS, campaign_lines
 
 ROOT = Path(__file__).parents[2]
-CAMPAIGN = {**SHORT, "calibration_poses": 6, "verification_payloads": [0]}
+CAMPAIGN = {**SHORT, **SLIDERS, "calibration_poses": 6, "verification_payloads": [0]}
 PACKAGES = ("pkm_rig", "drivers", "calibration", "mock_devices")
 
 

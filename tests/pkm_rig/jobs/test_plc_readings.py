@@ -13,7 +13,7 @@ from pkm_rig.cli.entry import app
 from pkm_rig.rig.config import embedded_rig_path, load_rig
 from pkm_rig.rig.plc_connection import register_map
 from pkm_rig.store.store import find_recording
-from tests.pkm_rig.conftest import SHORT, campaign_lines
+from tests.pkm_rig.conftest import SHORT, SLIDERS, campaign_lines
 
 COOLANT = """
 [[plc.readings]]
@@ -34,7 +34,7 @@ def write_rig(tmp_path_factory):
     def write(more):
         text = embedded_rig_path().read_text(encoding="utf-8")
         path = tmp_path_factory.mktemp("rig") / "rig.toml"
-        path.write_text(f"{text}\n[campaign]\n{campaign_lines(SHORT)}{more}", encoding="utf-8")
+        path.write_text(f"{text}\n[campaign]\n{campaign_lines(SHORT | SLIDERS)}{more}", encoding="utf-8")
         return path
 
     return write

@@ -14,6 +14,9 @@ from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
 
 
+POSES = 8
+
+
 def keys_of(recording, rows):
     columns = (recording[name][rows] for name in ("pose", "pass", "smr"))
     return [(int(pose), int(pass_), str(smr)) for pose, pass_, smr in zip(*columns, strict=True)]
@@ -22,7 +25,7 @@ def keys_of(recording, rows):
 @pytest.mark.parametrize("when", ["in a block", "in a nest check", "in a block that a fault ends"])
 def test_readings_with_other_settings_of_the_station_are_never_used(tmp_path, when):
     """Somebody changes the prism constant at the station's keyboard; the campaign goes on later."""
-    file, machine = short_rig_file(seed=4)
+    file, machine = short_rig_file(seed=4, calibration_poses=POSES)
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (mock, rig):
         station, seen = mock.station_server._station, []
@@ -48,7 +51,7 @@ def test_readings_with_other_settings_of_the_station_are_never_used(tmp_path, wh
     usable = usable_readings(after)
     calibration = np.asarray(after["phase"]) == "calibration"
     assert sorted(keys_of(after, calibration & usable)) == sorted(set(keys_of(after, calibration)))
-    assert len(keys_of(after, calibration & usable)) == 12 * 4 * 5
+    assert len(keys_of(after, calibration & usable)) == POSES * 4 * 5
     spoilt = np.flatnonzero(np.arange(len(before)) >= np.flatnonzero(calibration)[49] + 1)
     assert when == "in a nest check" or spoilt.size
     assert not (usable & calibration)[spoilt].any()
@@ -67,10 +70,10 @@ def test_other_settings_of_the_station_make_it_another_campaign():
 
 
 def test_a_campaign_that_broke_off_goes_on(tmp_path):
-    file, machine = short_rig_file(seed=4)
+    file, machine = short_rig_file(seed=4, calibration_poses=POSES)
     store = Store(tmp_path / "store.sqlite")
     with mock_and_rig(file, machine) as (mock, rig):
-        left = iter(range(169))  # so many of the third block's visits are whole
+        left = iter(range(119))  # so many of the third block's visits are whole
 
         def breaks(_advance, _total, what):
             if what == "calibration" and next(left, None) is None:
@@ -100,5 +103,5 @@ def test_a_campaign_that_broke_off_goes_on(tmp_path):
     assert after["uid"].tolist()[: len(before)] == before["uid"].tolist()
     calibration = np.asarray(after["phase"]) == "calibration"
     keys = keys_of(after, calibration)
-    assert len(keys) == len(set(keys)) == 12 * 4 * 5
+    assert len(keys) == len(set(keys)) == POSES * 4 * 5
     store.close()

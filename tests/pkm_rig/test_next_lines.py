@@ -25,7 +25,9 @@ from tests.pkm_rig.conftest import SHORT, SLIDERS, campaign_lines
 from tests.pkm_rig.diagnosis_example import example
 
 CFG = Path(__file__).parents[1] / "data" / "printer.cfg"
-FEWER = SHORT | SLIDERS | {
+FEWER = {
+    **SHORT,
+    **SLIDERS,
     "calibration_poses": 8,
     "verification_payloads": [0],
     "warm_up_rate_k_per_h": 50.0,

@@ -13,7 +13,6 @@ from pkm_rig.jobs.measure import measure
 from pkm_rig.store.store import Store
 from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
 
-
 POSES = 8
 
 

@@ -64,6 +64,10 @@ class Channels:
         """Channels of the platform's free coordinates."""
         return tuple(f"pose.{COORDINATES[i]}" for i in self.machine.dof)
 
+    def force_channels(self) -> tuple[str, ...]:
+        """Channels of a force on the platform, at its origin, and of moments: along and about its free coordinates."""
+        return tuple(f"force.{COORDINATES[i]}" for i in self.machine.dof)
+
     def station_channels(self) -> tuple[str, ...]:
         """Channels of the station's frame."""
         return tuple(f"station.{c}" for c in ("rx", "ry", "rz", "x", "y", "z"))
@@ -102,6 +106,7 @@ class Channels:
         yield from (f"scale.{drive}" for drive in machine.drive_names)
         yield from (f"table.{generation}" for generation in observed.context.table_generations)
         yield from self.pose_channels()
+        yield from self.force_channels()
         if not observed.by_station:
             return
         for i, smr in enumerate(machine.smrs):
@@ -125,15 +130,22 @@ class Channels:
             return self._floor_response(place)
         if kind == "pose":
             return observed.platform_shift(_unit_pose(len(observed.poses.visits), COORDINATES.index(place)))
-        if kind == "length":
-            column = observed.poses.sensitivity.length(machine.strut_names.index(place))
-            return self._platform_shift(column)
-        if kind == "weight":
-            return self._platform_shift(self._weight_response(machine.strut_names.index(place)))
+        if kind in ("force", "length", "weight"):
+            return self._platform_shift(self._column_of_platform(kind, place))
         drive = machine.drive_names.index(place)
         return self._drive_response(kind, drive, direction)
 
-    def _weight_response(self, strut: int) -> Array:
+    def _column_of_platform(self, kind: str, of: str) -> Array:
+        """dG (f, v) of what moves the platform alone: a force along a free coordinate of it or a moment about it; a
+        strut's length or weight."""
+        if kind != "force":
+            strut = self.machine.strut_names.index(of)
+            return self.observed.poses.sensitivity.length(strut) if kind == "length" else self._weight_column(strut)
+        column = np.zeros((len(self.machine.dof), len(self.observed.poses.visits)))
+        column[list(self.machine.dof).index(COORDINATES.index(of))] = -1.0
+        return column
+
+    def _weight_column(self, strut: int) -> Array:
         """dG (f, v) per additional kilogram at a strut's platform joint, where part of its own weight acts."""
         visits = len(self.observed.poses.visits)
         joint = self.observed.poses.geometry.platform_joint_m[strut]
@@ -253,6 +265,8 @@ def unit_of_channel(name: str) -> str:
     kind, last = name.partition(".")[0], name.rpartition(".")[2]
     if name == "payload.mass" or kind == "weight":
         return "kg"
+    if kind == "force":
+        return "N m" if last.startswith("r") else "N"
     if kind == "turn" or (kind in ("pose", "station", "floor") and last.startswith("r")):
         return "rad"
     if kind in ("growth", "scale", "table", "unknown") or name == "light.range":

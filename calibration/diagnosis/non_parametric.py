@@ -28,7 +28,7 @@ ASK_FOR = {  # the field of the context without which a coordinate is none
     "time": "t_s", "direction": "direction", "rest": "dwell_s", "direction and place": "direction",
     "time and place": "t_s",
 }  # fmt: skip
-CHANNELS_TRIED = 4  # channels with the largest evidence of shifts per visit, on which all coordinates are tried
+CHANNELS_TRIED = 6  # channels with the largest evidence of shifts per visit, on which all coordinates are tried
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
     """Non-parametric alternatives, the most likely first.
 
     First an approximate test with independent shifts per visit at each channel of the machine and each reflector; then
-    all coordinates at the machine's channels with the largest evidence, and at reflectors that have more than these.
+    all coordinates at the machine's channels and at the reflector with the largest evidence.
     """
     groups = list(_channel_groups(inputs, likelihood.channels))
     on_machine = [group for group in groups if not group[0].startswith(NOT_ON_MACHINE)]
@@ -74,8 +74,7 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
         return sum(float(log_sum(_log_evidence_by_visit(likelihood, c, SIZES_SIGMA))) for c in group)
 
     tried_on_machine = sorted(on_machine, key=evidence, reverse=True)[:CHANNELS_TRIED]
-    strongest = evidence(tried_on_machine[0])
-    tried_groups = tried_on_machine + [group for group in reflectors if evidence(group) > strongest]
+    tried_groups = tried_on_machine + sorted(reflectors, key=evidence, reverse=True)[:1]
     by_visit = inputs.once("by visit", lambda: _visit_indicators(inputs))
     # Not at a reflector: to lie elsewhere at each visit is an effect of the catalogue.
     alternatives = [
@@ -169,6 +168,9 @@ def _channel_groups(inputs: EffectInputs, channels: Channels) -> Iterator[tuple[
         yield from ((c,) for c in (*channels.sideways_channels(a), *channels.rotation_channels(a)))
     yield from ((f"length.{strut}",) for strut in machine.strut_names)
     yield from ((c,) for c in channels.pose_channels())
+    yield from ((c,) for c in channels.force_channels())
+    if machine.planar:  # elsewhere six at a time would take too long
+        yield channels.force_channels()
     if not channels.observed.by_station:
         return
     platform = [i for i, smr in enumerate(machine.smrs) if smr.on == "platform"]

@@ -181,7 +181,8 @@ def _search(
     non_parametric_alone: tuple[NonParametricEffect, ...] = ()
     left_over = best_log_evidence - best.log_evidence + VERDICT.departure_share * departure_gain(parts)
     # What is another at each visit leaves nothing, but a function of what the visits had may explain it with far less.
-    by_itself = not best.causes or any(differs_by_visit(part) for part in parts)
+    # And several causes together may imitate a single one of no catalogue.
+    by_itself = len(parts) != 1 or differs_by_visit(parts[0])
     if left_over > VERDICT.residual_search_threshold or by_itself:
         non_parametric_alone = tuple(rank_non_parametric(likelihood, inputs))
         best_log_evidence = max(best_log_evidence, non_parametric_alone[0].log_evidence)

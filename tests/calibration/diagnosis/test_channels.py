@@ -258,6 +258,30 @@ def test_payload(case):
         )
 
 
+def test_force(case):
+    """A hundred newtons at the platform's origin, a couple of a hundred newton metres about it: the axes stay."""
+    at, turn = case.rest.at, case.rest.rest.rotation
+    assert case.channels.force_channels() == tuple(f"force.{COORDINATES[k]}" for k in case.observed.machine.dof)
+    for name in case.channels.force_channels():
+        coordinate = COORDINATES.index(name.split(".")[1])
+        axis = np.eye(3)[coordinate % 3]
+
+        def change(h, coordinate=coordinate, axis=axis):
+            along = np.tile(h * axis, (VISITS, 1))
+            if coordinate < 3:
+                forces = [(along, np.zeros((VISITS, 3)))]
+            else:  # half a metre to either side, seen in the platform's own frame
+                arm = np.roll(axis, 1)
+                lever = np.einsum("nij,i->nj", turn, 0.5 * arm)
+                couple = np.tile(h * np.cross(axis, arm), (VISITS, 1))
+                forces = [(couple, lever), (-couple, -lever)]
+            return case.places(replace(case.rest, at=replace(at, forces=(*at.forces, *forces))).again())
+
+        expected = (change(100.0) - change(-100.0)) / 200.0
+        got = case.channels.shift_m(name)
+        np.testing.assert_allclose(got, expected, atol=1e-3 * np.abs(expected).max() + 1e-13, err_msg=name)
+
+
 def test_scale_and_tables(case):
     """By the travel's own channel, which is held against the machine above; corrections at the commands of a visit."""
     machine, visit = case.observed.machine, np.maximum(case.observed.visit, 0)
@@ -318,7 +342,7 @@ def test_a_slider_is_pulled_by_its_own_struts_towards_the_platform(case):
         ("travel.left", "m"), ("sideways.left.x", "m"), ("turn.left.z", "rad"), ("pose.x", "m"), ("pose.rz", "rad"),
         ("station.z", "m"), ("station.rx", "rad"), ("smr.P1.x", "m"), ("light.v", "1/m"), ("growth.base", "1"),
         ("light.range", "1"), ("payload.mass", "kg"), ("payload.x", "m"), ("scale.right", "1"), ("table.3", "1"),
-        ("length.left_upper", "m"),
+        ("length.left_upper", "m"), ("force.x", "N"), ("force.rz", "N m"),
     ],
 )  # fmt: skip
 def test_every_kind_of_channel_has_its_unit(name, unit):

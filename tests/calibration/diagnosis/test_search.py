@@ -96,16 +96,23 @@ def test_alternatives_without_causes_are_tried_where_departures_count_as_four(mo
     assert result.excess_log_evidence == 0.0
 
 
-@pytest.mark.parametrize(("kept_gain", "tried"), [(0.066, False), (0.068, True)])
-def test_what_departures_add_is_that_of_all_causes_beside_one_another(monkeypatch, kept_gain, tried):
-    """Of 500 a fifteenth is left, 0.12 of which is four: one that departed alone may be exact beside another."""
+def test_what_departures_add_is_that_of_all_causes_beside_one_another(monkeypatch):
+    """One that departed alone may be exact beside another."""
     rounds = [
         [Evidence("backlash", 1000.0, departure_gain=300.0)],
         [Evidence("latency", 500.0, "", departure_gain=200.0)],
     ]
-    result = searched(monkeypatch, *rounds, rest_of_two=0.0, kept_gain=kept_gain)
-    assert result.departure_gain == pytest.approx(500.0 * kept_gain)
-    assert bool(result.non_parametric_alone) is tried
+    result = searched(monkeypatch, *rounds, rest_of_two=0.0, kept_gain=0.07)
+    assert result.departure_gain == pytest.approx(35.0)
+
+
+@pytest.mark.parametrize(("alone", "excess"), [(300.0, 0.0), (1500.0, 1500.0 - 1490.0 + 7.5)])
+def test_several_causes_are_weighed_against_alternatives_alone_though_they_leave_nothing(monkeypatch, alone, excess):
+    """Together they may imitate a single one of no catalogue; a second one costs 10 and five per mille."""
+    rounds = [[Evidence("backlash", 1000.0)], [Evidence("latency", 500.0, "")]]
+    result = searched(monkeypatch, *rounds, rest_of_two=0.0, alone=alone)
+    assert [cause.name for cause in result.causes] == ["backlash", "latency"]
+    assert result.excess_log_evidence == pytest.approx(excess)
 
 
 def test_three_causes_are_enough(monkeypatch):

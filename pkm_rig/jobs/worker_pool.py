@@ -6,9 +6,10 @@ A failure is that of one thing and ends no other, also where it kills the proces
 from __future__ import annotations
 
 import logging
+import os
 import socket
-import threading
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, Protocol
@@ -22,6 +23,8 @@ MISSING = "needs the extra [fleet]; install it with: pip install 'pkm-rig[fleet]
 KILLED = "the process that worked on it ended: killed, or out of memory"
 WAIT_S = 10.0  # for the scheduler, and for a first worker
 AHEAD = 2  # tasks that are given out for each core
+IDLE_S = 300.0  # after which an idle process ends, as under joblib's `Parallel`
+THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 SCHEMES, DASK_PORT = ("tcp", "tls"), 8786
 
 
@@ -70,61 +73,76 @@ class OneByOne:
 
 
 class LocalProcesses:
-    """Processes of this computer."""
+    """Processes of this computer.
+
+    joblib's executor, not its `Parallel`, which asks for a task whenever one is done, even if nobody takes the results.
+    """
 
     def __init__(self, jobs: int) -> None:
         self._jobs = jobs
 
     def attempts(self, tasks: Iterable[Task]) -> Iterator[Attempt]:
         """As they come; those that were under way when a process was killed are done again, each alone."""
-        from joblib import Parallel, delayed  # noqa: PLC0415 - an extra
-        from joblib.externals.loky.process_executor import TerminatedWorkerError  # noqa: PLC0415
+        waiting, running = iter(tasks), dict[Future[Attempt], Task]()
+        try:
+            while True:
+                killed = []
+                executor = self._executor()
+                for task in _first(waiting, AHEAD * self._jobs):
+                    running[_submitted(executor, task)] = task
+                while running:
+                    for future in wait(running, return_when=FIRST_COMPLETED).done:
+                        task = running.pop(future)
+                        done = _unless_killed(future)
+                        if done is None:
+                            killed.append(task)
+                        else:
+                            yield done
+                        for following in _first(waiting, 0 if killed else 1):
+                            running[_submitted(executor, following)] = following
+                if not killed:
+                    return
+                for task in killed:
+                    executor = self._executor()
+                    again = _submitted(executor, task)
+                    running[again] = task
+                    done = _unless_killed(again)
+                    del running[again]
+                    yield done or Attempt(task.name, failure=KILLED)
+        finally:
+            if running:  # nobody takes the rest
+                executor.shutdown(kill_workers=True)
 
-        given = _Given(tasks)
-        while True:
-            parallel = Parallel(
-                n_jobs=self._jobs, batch_size=1, pre_dispatch=AHEAD * self._jobs, return_as="generator_unordered"
-            )
-            try:
-                for done in parallel(delayed(attempt)(task) for task in given):
-                    given.forget(done.name)
-                    yield done
-                return
-            except TerminatedWorkerError:
-                for task in given.open():
-                    try:  # two, since one would be this process
-                        (done,) = Parallel(n_jobs=2)([delayed(attempt)(task)])
-                    except TerminatedWorkerError:
-                        done = Attempt(task.name, failure=KILLED)
-                    given.forget(task.name)
-                    yield done
+    def _executor(self) -> Any:
+        """The processes; new ones where one was killed. They share the cores, as they do under `Parallel`."""
+        from joblib import cpu_count  # noqa: PLC0415 - an extra
+        from joblib.externals.loky import get_reusable_executor  # noqa: PLC0415
+
+        threads = str(max(cpu_count() // self._jobs, 1))
+        env = {name: os.environ.get(name, threads) for name in THREADS}
+        return get_reusable_executor(self._jobs, timeout=IDLE_S, env=env)
 
 
-class _Given:
-    """Tasks as they are given out, by whichever thread asks for the next; those that are not done yet are known."""
+def _submitted(executor: Any, task: Task) -> Future[Attempt]:
+    """A task that was given to processes; where one has just been killed it ends as those did that they had."""
+    from joblib.externals.loky.process_executor import TerminatedWorkerError  # noqa: PLC0415
 
-    def __init__(self, tasks: Iterable[Task]) -> None:
-        self._tasks, self._lock = iter(tasks), threading.Lock()
-        self._open: dict[str, Task] = {}
+    try:
+        future: Future[Attempt] = executor.submit(attempt, task)
+    except TerminatedWorkerError as error:
+        future = Future()
+        future.set_exception(error)
+    return future
 
-    def __iter__(self) -> Iterator[Task]:
-        return self
 
-    def __next__(self) -> Task:
-        with self._lock:
-            task = next(self._tasks)
-            self._open[task.name] = task
-            return task
+def _unless_killed(future: Future[Attempt]) -> Attempt | None:
+    """A future's result, once it is there; None if a process was killed."""
+    from joblib.externals.loky.process_executor import TerminatedWorkerError  # noqa: PLC0415
 
-    def forget(self, name: str) -> None:
-        """It is done."""
-        with self._lock:
-            self._open.pop(name, None)
-
-    def open(self) -> list[Task]:
-        """Those that were given out and are not done."""
-        with self._lock:
-            return list(self._open.values())
+    try:
+        return future.result()
+    except TerminatedWorkerError:
+        return None
 
 
 class DaskCluster:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import os
 import sys
 
 import pytest
@@ -10,7 +11,7 @@ import pytest
 from calibration.base.errors import InputError
 from pkm_rig.errors import WorkersGone
 from pkm_rig.jobs import worker_pool as module
-from pkm_rig.jobs.worker_pool import KILLED, Attempt, DaskCluster, LocalProcesses, OneByOne, Task, worker_pool
+from pkm_rig.jobs.worker_pool import AHEAD, KILLED, Attempt, DaskCluster, LocalProcesses, OneByOne, Task, worker_pool
 from tests.pkm_rig.jobs import pool_tasks
 
 NUMBERS = range(2, 9)
@@ -82,18 +83,27 @@ def test_a_task_that_kills_its_process_is_named_and_ends_no_other(kind, request)
 
 
 def test_few_tasks_are_asked_for_ahead(pool):
-    """Recordings travel with their tasks: thousands must not be in memory at once."""
-    asked = []
+    """Recordings travel with their tasks: thousands must not be in memory at once, however slowly results are taken."""
+    taken, ahead = [], []
 
     def many():
         for number in range(60):
-            asked.append(number)
+            ahead.append(number + 1 - len(taken))
             yield Task(f"t{number}", pool_tasks.square, (number,))
 
-    attempts = pool.attempts(many())
-    next(attempts)
-    assert len(asked) <= 16
-    assert len(list(attempts)) == 59
+    for done in pool.attempts(many()):
+        taken.append(done)
+    assert max(ahead) <= 2 * AHEAD
+    assert len(taken) == 60
+
+
+def test_processes_end_where_nobody_takes_the_rest():
+    attempts = LocalProcesses(2).attempts(Task(f"t{n}", pool_tasks.own_process) for n in NUMBERS)
+    process = next(attempts).value
+    os.kill(process, 0)
+    attempts.close()
+    with pytest.raises(ProcessLookupError):
+        os.kill(process, 0)
 
 
 def test_a_pool_has_no_more_processes_than_tasks():

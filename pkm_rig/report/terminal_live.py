@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import math
+import termios
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Protocol
@@ -45,7 +47,7 @@ class Estimates(Protocol):
 def live_progress(rig: Rig, model: Estimates) -> Iterator[Progress]:
     """Progress of a campaign on a rig with its guards, its last readings, the model so far and what it asks for.
 
-    Drawn in place; one line a minute where that is no terminal.
+    Drawn in place; one line a minute where that is no terminal. OSError at the next progress if the terminal is gone.
     """
     if not messages.is_terminal:
         with progress_bar() as lines:
@@ -59,8 +61,21 @@ def live_progress(rig: Rig, model: Estimates) -> Iterator[Progress]:
         model.look(seen.campaign, seen.done)
         return shown(seen, model.estimates, pausing=rig.operator.asks_to_pause())
 
+    def progress(count: int, total: int, phase: str) -> None:
+        _require_terminal()
+        live.progress(count, total, phase)
+
     with Display(get_renderable=look, console=messages, refresh_per_second=PER_SECOND, transient=True):
-        yield live.progress
+        yield progress
+
+
+def _require_terminal() -> None:
+    """OSError if the terminal is gone, of which drawing says nothing: rich draws only where a stream still has one."""
+    try:
+        termios.tcgetattr(messages.file)
+    except termios.error as error:
+        if error.args[0] == errno.EIO:  # and not where a signal has told of it, and the stream leads nowhere by now
+            raise OSError(*error.args) from error
 
 
 def shown(seen: Snapshot, estimates: Sequence[Estimate] = (), *, pausing: bool = False) -> RenderableType:

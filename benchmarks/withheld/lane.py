@@ -30,7 +30,10 @@ class RunFailed(RuntimeError):
 
 @dataclass(frozen=True)
 class LaneOptions:
-    """The settings of a lane. done: keys of finished cases; finished: number of batches of this lane."""
+    """The settings of a lane. done: keys of finished cases; finished: number of batches of this lane.
+
+    resembling: effects among which the maker looks for what resembles the true one; none: all.
+    """
 
     seed: int | None
     final: bool
@@ -46,6 +49,7 @@ class LaneOptions:
     out: Path
     done: tuple[str, ...]
     finished: int
+    resembling: tuple[str, ...]
 
 
 def run_lane(options: LaneOptions, keep: Callable[[dict[str, Any]], None], begun: Callable[[str], None]) -> None:
@@ -113,7 +117,7 @@ class MakerProcess:
         answer = self.ask(
             do="start", seed=options.seed, final=options.final, n=options.n, kinds=options.kinds,
             lane=options.lane, lanes=options.lanes, batch=options.batch, done=options.done, finished=options.finished,
-            leave_form_out=options.leave_form_out,
+            leave_form_out=options.leave_form_out, resembling=options.resembling,
         )  # fmt: skip
         return str(answer["commitment"])
 

@@ -3,7 +3,7 @@
     python -m benchmarks.withheld.maker
 
 One JSON object a line on standard input, one answer a line on standard output:
-`start` (seed or null, final, n, kinds, lane, lanes, done, leave_form_out), `make` (folder), `more` (folder,
+`start` (seed or null, final, n, kinds, lane, lanes, done, leave_form_out, resembling), `make` (folder), `more` (folder,
 proposals, sure), `seal` (file, answers_sha256), `stop`. Without a seed every process draws its own from the operating
 system; it is never written:
 of each batch only its own seed, which does not lead to any other's, is told with the truth.
@@ -31,10 +31,11 @@ from benchmarks.withheld.designs import COUNTS, FEW, Designs
 from benchmarks.withheld.gross_readings import with_gross_readings
 from benchmarks.withheld.left_out_forms import FormComparison, LeftOut
 from benchmarks.withheld.making import MOST_GROSS, Case, make_case
-from benchmarks.withheld.mimics import MimicLibraries
+from benchmarks.withheld.mimics import DRAWS, MimicLibraries
 from benchmarks.withheld.scorer import GROSS, WHOLE
 from benchmarks.withheld.second_round import longer_recordings
 from benchmarks.withheld.sizes import platform_rows
+from mock_devices.effects import CATALOGUE
 from mock_devices.recordings.files import write_recording
 
 SHORT = 300  # cases
@@ -43,7 +44,11 @@ TWICE = ("effect", "pair")  # kinds that are diagnosed with the whole catalogue 
 
 @dataclass
 class Maker:
-    """What one process knows. `run_seed` None: from the operating system."""
+    """What one process knows. `run_seed` None: from the operating system.
+
+    resembling: effects among which is looked for what could be taken for a true one; in a final run all of them, since
+    its table counts by that. ValueError for fewer.
+    """
 
     run_seed: int | None
     final: bool
@@ -53,6 +58,7 @@ class Maker:
     batch_size: int = BATCH
     few_designs: bool = False
     leave_form_out: bool = True
+    resembling: Collection[str] = CATALOGUE
     _secret: int = field(init=False)
     _designs: Designs = field(init=False)
     _libraries: MimicLibraries = field(init=False)
@@ -64,9 +70,11 @@ class Maker:
 
     def __post_init__(self) -> None:
         """Draw what this process keeps to itself."""
+        if self.final and set(self.resembling) != set(CATALOGUE):
+            raise ValueError("a final run looks among all effects for those that resemble the true one")
         self._secret = secrets.randbits(128) if self.run_seed is None else self.run_seed
         self._designs = Designs(derived(self._secret, "designs"), FEW if self.few_designs else COUNTS)
-        self._libraries = MimicLibraries(1) if self.few_designs else MimicLibraries()
+        self._libraries = MimicLibraries(1 if self.few_designs else DRAWS, self.resembling)
 
     @property
     def commitment(self) -> str:
@@ -207,7 +215,7 @@ def main() -> int:
             few = 0 < order["n"] <= SHORT
             maker = Maker(
                 order["seed"], order["final"], slots, order["lane"], order["finished"], order["batch"], few,
-                order["leave_form_out"],
+                order["leave_form_out"], order["resembling"] or CATALOGUE,
             )  # fmt: skip
             answer = {"commitment": maker.commitment, "left": len(slots)}
         elif what == "stop" or maker is None:

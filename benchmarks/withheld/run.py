@@ -56,7 +56,9 @@ def main(arguments: list[str] | None = None) -> int:
         "seed": "operating system" if options.final else options.seed,
         "n": options.n, "kinds": sorted(options.kinds), "lanes": options.lanes, "batch": options.batch,
         "diagnose": options.diagnose, "noise": options.noise, "leave_form_out": options.leave_form_out,
-        **({} if options.sealed else {"sealed": False}), **({"code": code_digest()} if options.final else {}),
+        **({} if options.sealed else {"sealed": False}),
+        **({"resembling": sorted(options.resembling)} if options.resembling else {}),
+        **({"code": code_digest()} if options.final else {}),
     }  # fmt: skip
     out = (options.out or default_folder(options, settings)).resolve()
     results = ResultsFile(out / "results.jsonl", settings)
@@ -162,6 +164,7 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
         out=out,
         done=tuple(sorted(done)),
         finished=0,
+        resembling=options.resembling,
     )
     lanes = [replace(lane, lane=k, finished=sum(batch["lane"] == k for batch in stored)) for k in range(options.lanes)]
     with ThreadPoolExecutor(options.lanes) as pool:
@@ -231,9 +234,11 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     )  # fmt: skip
     parser.add_argument("--batch", type=int, default=0, help=argparse.SUPPRESS)
     parser.add_argument("--diagnose", default="", help=argparse.SUPPRESS)
+    parser.add_argument("--resembling", default="", help=argparse.SUPPRESS)  # a library of all takes a small run's time
     parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
     options.kinds = tuple(kind for kind in options.kinds.split(",") if kind)
+    options.resembling = tuple(name for name in options.resembling.split(",") if name)
     if unknown := set(options.kinds) - set(FULL):
         parser.error(f"unknown kind '{min(unknown)}'; known: {', '.join(FULL)}")
     if options.n < 0 or options.lanes < 1 or (options.seed or 0) < 0:
@@ -242,6 +247,8 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--noise is no final run; give a --seed")
     if options.final and not options.sealed:
         parser.error("--unsealed is no final run; give a --seed")
+    if options.final and options.resembling:
+        parser.error("--resembling is no final run; give a --seed")
     # Small runs have small batches, so that both lanes end together.
     cases = len(plan(options.n, options.kinds, final=options.final))
     options.batch = options.batch or max(1, min(BATCH, -(-cases // (2 * options.lanes))))

@@ -13,7 +13,6 @@ from benchmarks.withheld.designs import FEW, Designs
 from benchmarks.withheld.diagnoser import REAL
 from benchmarks.withheld.maker import Maker
 from benchmarks.withheld.making import make_case
-from benchmarks.withheld.mimics import MimicLibraries
 from benchmarks.withheld.scorer import fixed_answers, score_batch
 from calibration.diagnosis.channel_responses import ChannelResponses
 from calibration.diagnosis.channels import Channels
@@ -105,8 +104,8 @@ def test_an_effect_found_twice_at_one_channel_is_compared_once(made):
 
 
 def test_a_diagnosed_case_is_compared_with_its_plant(tmp_path):
-    maker = Maker(4, final=False, slots=[EFFECT], few_designs=True, leave_form_out=False)
-    maker._libraries = MimicLibraries(1, ("tracker_drift",))  # what else resembles the effect is not asked here
+    alike = ("tracker_drift",)  # what else resembles the effect is not asked here
+    maker = Maker(4, final=False, slots=[EFFECT], few_designs=True, leave_form_out=False, resembling=alike)
     maker.make(tmp_path / "recordings")
     lane.diagnose(tmp_path / "recordings", tmp_path / "answers", REAL)
     maker.seal(tmp_path / "truth.json", fixed_answers(tmp_path))

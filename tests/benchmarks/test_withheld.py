@@ -16,7 +16,6 @@ from benchmarks.withheld.cases import DECLARED, Slot
 from benchmarks.withheld.diagnoser import REAL, loaded
 from benchmarks.withheld.maker import Maker
 from benchmarks.withheld.making import make_case
-from benchmarks.withheld.mimics import MimicLibraries
 from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.score_rows import answerable, overall_right
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
@@ -33,9 +32,7 @@ RESEMBLING = ("backlash", "tracker_drift")  # those that the tests below make th
 
 def maker(*slots, seed=4):
     """A maker that looks for what resembles a true effect among some effects only: all take longest of all it does."""
-    made = Maker(seed, final=False, slots=list(slots), few_designs=True)
-    made._libraries = MimicLibraries(1, RESEMBLING)
-    return made
+    return Maker(seed, final=False, slots=list(slots), few_designs=True, resembling=RESEMBLING)
 
 
 # --- seals
@@ -119,6 +116,17 @@ def test_final_runs_draw_their_seed_from_the_system():
     made = [Maker(None, final=True, slots=[]) for _ in range(2)]
     assert made[0].commitment != made[1].commitment
     assert len({maker(seed=4).commitment, maker(seed=4).commitment}) == 1
+
+
+def test_a_final_run_looks_among_all_effects_for_those_that_resemble_the_true_one(tmp_path, capsys):
+    with pytest.raises(ValueError, match="among all effects"):
+        Maker(None, final=True, slots=[], resembling=RESEMBLING)
+    assert set(Maker(None, final=True, slots=[])._libraries.effects) == set(CATALOGUE)
+    log = tmp_path / "log.jsonl"
+    with pytest.raises(SystemExit):
+        run.main(["--final", "--resembling", RESEMBLING[0], "--out", str(tmp_path), "--log", str(log)])
+    assert "--resembling is no final run" in capsys.readouterr().err
+    assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("function", ["asks_for_the_plant", "reads_a_truth", "diagnose"])
@@ -304,8 +312,10 @@ def test_the_catalogue_is_logged_before_new_final_forms_come(tmp_path):
 
 
 def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
-    assert run.main(arguments(tmp_path / "out", n=3, kinds="effect,null", batch=1)) in (0, 1)
+    among = ("--resembling", ",".join(RESEMBLING))
+    assert run.main(arguments(tmp_path / "out", *among, n=3, kinds="effect,null", batch=1)) in (0, 1)
     rows = rows_of(tmp_path / "out")
+    assert [set(r["mimics_sigma"]) for r in rows] == [set(RESEMBLING) - set(rows[0]["true"]), set()]
     assert Counter(r["kind"] for r in rows) == {"effect": 1, "null": 1}
     assert [r["error"] for r in rows] == ["", ""]
     assert sum(overall_right(r) for r in rows if answerable(r)) >= 1

@@ -8,6 +8,7 @@ from __future__ import annotations
 import logging
 import os
 import socket
+import time
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import contextmanager
@@ -25,6 +26,7 @@ WAIT_S = 10.0  # for the scheduler, and for a first worker
 AHEAD = 2  # tasks that are given out for each core
 IDLE_S = 300.0  # after which an idle process ends, as under joblib's `Parallel`
 THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "BLIS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+MOMENTS, MOMENT_S = 1000, 1e-3  # for which tasks may wait for a place in the executor's queue
 SCHEMES, DASK_PORT = ("tcp", "tls"), 8786
 
 
@@ -111,7 +113,7 @@ class LocalProcesses:
                     yield done or Attempt(task.name, failure=KILLED)
         finally:
             if running:  # nobody takes the rest
-                executor.shutdown(kill_workers=True)
+                _end(executor, running)
 
     def _executor(self) -> Any:
         """The processes; new ones where one was killed. They share the cores, as they do under `Parallel`."""
@@ -121,6 +123,19 @@ class LocalProcesses:
         threads = str(max(cpu_count() // self._jobs, 1))
         env = {name: os.environ.get(name, threads) for name in THREADS}
         return get_reusable_executor(self._jobs, timeout=IDLE_S, env=env)
+
+
+def _end(executor: Any, given: Iterable[Future[Attempt]]) -> None:
+    """End the processes, whatever they are at.
+
+    The executor forgets tasks that wait for a place in its queue and then looks for them. There is a place for each, so
+    they wait for moments only.
+    """
+    for _ in range(MOMENTS):
+        if all(future.running() or future.done() for future in given):
+            break
+        time.sleep(MOMENT_S)
+    executor.shutdown(kill_workers=True)
 
 
 def _submitted(executor: Any, task: Task) -> Future[Attempt]:

@@ -106,6 +106,15 @@ def test_processes_end_where_nobody_takes_the_rest():
         os.kill(process, 0)
 
 
+def test_processes_end_also_just_when_tasks_were_given_to_them():
+    """A thread of the executor that stumbled over one of them would end the test."""
+    for _ in range(8):
+        executor = LocalProcesses(2)._executor()
+        given = [module._submitted(executor, Task(f"t{n}", pool_tasks.own_process)) for n in range(2 * AHEAD)]
+        module._end(executor, given)
+        assert all(future.done() for future in given)
+
+
 def test_a_pool_has_no_more_processes_than_tasks():
     with worker_pool(1, None, None) as pool:
         assert isinstance(pool, OneByOne)

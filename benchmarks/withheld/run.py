@@ -37,6 +37,7 @@ from benchmarks.withheld.over_the_wire import LARGEST_M, largest_difference_m
 from benchmarks.withheld.pictures import draw_all
 from benchmarks.withheld.report import log_entry, printed, summary
 from benchmarks.withheld.scorer import Tampered
+from mock_devices.effects import CATALOGUE
 from tests.kept_results import until_stopped
 
 ROOT = Path(__file__).parents[2]
@@ -241,6 +242,8 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     options.resembling = tuple(name for name in options.resembling.split(",") if name)
     if unknown := set(options.kinds) - set(FULL):
         parser.error(f"unknown kind '{min(unknown)}'; known: {', '.join(FULL)}")
+    if unknown := set(options.resembling) - set(CATALOGUE):
+        parser.error(f"unknown effect '{min(unknown)}'; known: {', '.join(CATALOGUE)}")
     if options.n < 0 or options.lanes < 1 or (options.seed or 0) < 0:
         parser.error("--n and --seed must not be negative, --lanes not below 1")
     if options.noise and options.final:

@@ -180,8 +180,7 @@ def _search(
     non_parametric, best_log_evidence = best.non_parametric, best.best_log_evidence
     non_parametric_alone: tuple[NonParametricEffect, ...] = ()
     left_over = best_log_evidence - best.log_evidence + VERDICT.departure_share * departure_gain(parts)
-    # What is another at each visit leaves nothing, but a function of what the visits had may explain it with far less.
-    # And several causes together may imitate a single one of no catalogue.
+    # What is another at each visit, or several causes, may leave nothing where one function explains it with far less.
     by_itself = len(parts) != 1 or differs_by_visit(parts[0])
     if left_over > VERDICT.residual_search_threshold or by_itself:
         non_parametric_alone = tuple(rank_non_parametric(likelihood, inputs))

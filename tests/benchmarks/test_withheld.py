@@ -126,6 +126,9 @@ def test_a_final_run_looks_among_all_effects_for_those_that_resemble_the_true_on
     with pytest.raises(SystemExit):
         run.main(["--final", "--resembling", RESEMBLING[0], "--out", str(tmp_path), "--log", str(log)])
     assert "--resembling is no final run" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        run.main(["--seed", "1", "--resembling", "slack", "--out", str(tmp_path), "--log", str(log)])
+    assert "unknown effect 'slack'" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 

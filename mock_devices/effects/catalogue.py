@@ -25,6 +25,7 @@ from mock_devices.effects import (
     outside_counters,
     outside_final,
     outside_further,
+    outside_hooks_floors,
     outside_magnets_ways,
     outside_memories,
     outside_motions,
@@ -74,6 +75,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_memories,
         outside_counters,
         outside_magnets_ways,
+        outside_hooks_floors,
         outside_final,
         ordinary_disturbances,
     )

@@ -17,11 +17,13 @@ PRESSED, FLOATS_M_PER_S, FILM_S = 0.25, 0.5, (4.0, 12.0)  # of a carriage on oil
 CLOSED, OPENS_KG = 0.15, (60.0, 180.0)  # of a joint: compliance while closed, over the size; what opens it
 EXCESS_KG = 250.0  # payload beyond that which opens a joint, for the size
 GRIPS_S, GRIPPED = (3.0, 10.0), 0.2  # of a clamp: rest after which it grips; compliance from then on, over the size
+SINKS_M_PER_S, RECOVERS_S, PRESSURE = 0.3, (6.0, 20.0), 0.15  # of oil for both carriages: stop of the next one for the
+# size; time constant; compliance at full pressure over the size
 BALLS_M, MORE = (0.03, 0.06), 0.3  # of balls under load: travel from one to the next; compliance with one more of them
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
 BY_STATE = (
     "resin_bed", "warm_resin", "swaying_frame", "floating_carriage", "opening_joint", "clamped_at_rest",
-    "balls_in_turn",
+    "balls_in_turn", "shared_pressure",
 )  # fmt: skip
 _ALONG, _ACROSS, _YAW = 0, 1, 2
 
@@ -64,6 +66,9 @@ class ColumnCompliance(Effect):
     `balls_in_turn`: as the carriage goes on, balls come under its load and leave it, so that one more of them carries
     in one half of the way from ball to ball than in the other: C. S. Sunnersjö, "Varying Compliance Vibrations of
     Rolling Bearings" (1978). The size is that with fewer of them.
+    `shared_pressure`: one pump feeds the oil under both carriages, and a motion of the next drive takes from its
+    pressure by the speed, so that this carriage gives way further until the pressure has recovered: E. Lewis, H. Stern,
+    "Design of Hydraulic Control Systems" (1962). The size is that when the next drive stops from SINKS_M_PER_S.
     """
 
     def setup(self) -> None:
@@ -75,6 +80,7 @@ class ColumnCompliance(Effect):
         self.grips_s = float(self.rng.uniform(*GRIPS_S))
         self.balls_m = float(self.rng.uniform(*BALLS_M))
         self.balls_at = float(self.rng.uniform(0.0, 1.0))
+        self.recovers_s = float(self.rng.uniform(*RECOVERS_S))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -104,6 +110,7 @@ class ColumnCompliance(Effect):
             shares = {
                 "clamped_at_rest": self._clamped,
                 "balls_in_turn": self._carried,
+                "shared_pressure": self._unpressed,
                 "swaying_frame": self._swayed,
                 "floating_carriage": self._floated,
                 "opening_joint": self._opened,
@@ -145,6 +152,12 @@ class ColumnCompliance(Effect):
         """Compliance of the balls under load (n,) over the size, by where the carriage stands."""
         at = (state.q_m[:, self.place] / self.balls_m + self.balls_at) % 1.0
         return np.where(at < 0.5, 1.0, MORE)
+
+    def _unpressed(self, state: MotionState) -> Array:
+        """Compliance of a carriage on oil (n,) over the size, by what the next drive's last motion took."""
+        b = (self.place + 1) % len(self.site.machine.sliders)
+        taken = state.speed_m_per_s[:, b] / SINKS_M_PER_S * np.exp(-state.since_s[:, b] / self.recovers_s)
+        return np.asarray(PRESSURE + (1.0 - PRESSURE) * taken)
 
     def _opened(self, state: MotionState) -> Array:
         """Compliance of a joint (n,) over the size, by the payload beyond that which opens it."""

@@ -22,7 +22,10 @@ THROTTLED_M_PER_S = 0.5  # of the other drive, whose oil then has the pressure t
 HATCH, PLUME_M = (-0.7, -0.2), 1.2  # of a hatch: place over half the travel; how far a plume begins below it
 HEATS_S, HEATS, HEATER_FIN_M = (900.0, 2400.0), (0.3, 0.6), 0.5  # of a heater: cycle; share of it that it is on; height
 # in which its warmth falls by e
-ALONG_IT = ("drying", "neighbours_oil", "draughty_hatch", "heat_wave", "braking_resistor", "cycled_heater")
+ALONG_IT = (
+    "drying", "neighbours_oil", "draughty_hatch", "heat_wave", "braking_resistor", "cycled_heater", "ceiling_layer",
+)  # fmt: skip
+FILLS_S = (2000.0, 6000.0)  # time constant of warm air that fills the hall from above
 DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 
@@ -60,6 +63,10 @@ class ColumnGrowth(Warming):
     `cycled_heater`: a heater inside it, somewhere along the travel, is switched on and off in a fixed cycle, from the
     begin on, and the column nears either aim with the same time constant: N. Minorsky, "Nonlinear Oscillations"
     (1962). Its warmth falls off on both sides. The size is where it ends right there if the heater stays on.
+    `ceiling_layer`: warm air that gathers under the ceiling fills the hall from there, and its lower edge sinks, ever
+    more slowly; only what of the column is above that edge grows: E. E. Zukoski, "Development of a Stratified Ceiling
+    Layer in the Early Stages of a Closed-Room Fire" (1978). It begins at the column's head. The size is where the part
+    within the layer ends, which nears that with tau_s.
     """
 
     sensor = "columns"
@@ -87,6 +94,7 @@ class ColumnGrowth(Warming):
         own = self.rng.spawn(1)[0]
         self.cycle_s, self.heats = float(own.uniform(*HEATS_S)), float(own.uniform(*HEATS))
         self.heater_m = middle + half * float(own.uniform(-0.5, 0.5))
+        self.fills_s = float(own.uniform(*FILLS_S))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the carriage warm its rail, or the next one the oil."""
@@ -140,18 +148,26 @@ class ColumnGrowth(Warming):
         away_m = at_m - self.heater_m
         return np.asarray(-np.sign(away_m) * HEATER_FIN_M * np.expm1(-np.abs(away_m) / HEATER_FIN_M))
 
+    def _in_layer_m(self, elapsed_s: Array, height_m: Array, foot_m: Array) -> Array:
+        """Metres of whole warmth (n,) below the carriage and above the edge of a layer that begins at the head."""
+        head_m = self.site.machine.sliders[self.place].travel_m[1] + HEAD_M - foot_m
+        edge_m = head_m * (1.0 + elapsed_s / self.fills_s) ** -1.5
+        return warm_up(elapsed_s, self.values["tau_s"]) * np.maximum(height_m - edge_m, 0.0)
+
     def _warm_m(self, state: MotionState, height_m: Array) -> Array:
         """Warmth from the foot to a height (n,) over the size, in metres."""
         if self.variant == "drying":
             return -self._chilled(self.elapsed_s(state)) * height_m
-        if self.variant == "neighbours_oil":
-            return self._oil.at(state, self.next)[:, 0] * height_m
-        if self.variant == "braking_resistor":
-            return self._lowered.at(state, self.place)[:, 0] * height_m
+        if self.variant in ("neighbours_oil", "braking_resistor"):
+            oil = self.variant == "neighbours_oil"
+            warm = self._oil.at(state, self.next) if oil else self._lowered.at(state, self.place)
+            return np.asarray(warm[:, 0] * height_m)
         if self.variant == "heat_wave":
             return self._waved_m(self.elapsed_s(state), height_m)
-        if self.variant == "cycled_heater":
+        if self.variant in ("cycled_heater", "ceiling_layer"):
             foot_m = state.q_m[:, self.place] - height_m  # by the drive's coordinate
+            if self.variant == "ceiling_layer":
+                return self._in_layer_m(self.elapsed_s(state), height_m, foot_m)
             up_m, down_m = (self._beyond_heater_m(at_m) for at_m in (state.q_m[:, self.place], foot_m))
             return self._heated(self.elapsed_s(state)) * (up_m - down_m)
         return self._draught.at(state, self.place) * self._in_plume_m(state.q_m[:, self.place])

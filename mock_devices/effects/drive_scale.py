@@ -28,6 +28,7 @@ JUMPS_S, JUMPS = 900.0, 3.0  # of a belt that jumps: mean time between two jumps
 UP_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a reader's range: switched above the begin; how much cooler back
 MAINS_S = (250.0, 800.0)  # in which the frequency of the mains swings
 RIM_M, WHEEL_M = (5.0, 25.0), 80.0  # of a wheel: way that its hard rim lasts; way after that for the size
+HELD, FULL_PAYLOAD_KG = (-0.5, 0.5), 400.0  # of a tape that bears: where it is held, over half the travel; for the size
 RELAXES_S, HOUR_S = 60.0, 3600.0
 
 
@@ -70,6 +71,9 @@ class DriveScale(StatefulEffect):
     `worn_wheel`: a wheel that runs along the guide measures the way, and once its hard rim is through, each metre takes
     as much off it, so that it counts more and more for the same way: T. Reye, "Zur Theorie der Zapfenreibung" (1860).
     The size is that at the end of the travel WHEEL_M later.
+    `loaded_tape`: from the onset on the tape of the scale bears a part of the payload, which stretches it from where it
+    is held: T. Young, "A Course of Lectures on Natural Philosophy" (1807). The size is that of FULL_PAYLOAD_KG at the
+    upper end of the travel.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -88,6 +92,7 @@ class DriveScale(StatefulEffect):
         self.mains_s = float(self.rng.uniform(*MAINS_S))
         self.mains_at = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.rim_m = float(self.rng.uniform(*RIM_M))
+        self.held = float(self.rng.uniform(*HELD))
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         onset_s = self.site.start_s + self.values["onset_s"]
         self._slid = LegMemory(
@@ -135,9 +140,9 @@ class DriveScale(StatefulEffect):
         elif self.variant == "jumping_belt":
             jumped = np.searchsorted(self.jumps_s, state.t_s - self.site.start_s - self.values["onset_s"], side="right")
             y = -jumped / JUMPS
-        elif self.variant == "relaxing_tape":
-            strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
-            y = -np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S) * (from_middle + 1.0) / 2.0
+        elif self.variant in ("relaxing_tape", "loaded_tape"):
+            loaded = after * state.payload_kg / FULL_PAYLOAD_KG * (from_middle - self.held) / (1.0 - self.held)
+            y = loaded if self.variant == "loaded_tape" else -self._relaxed(state) * (from_middle + 1.0) / 2.0
         elif self.variant == "switching_range":
             y = self.sign * self._switched(state) * from_middle
         elif self.variant == "wandering_mains":
@@ -151,6 +156,11 @@ class DriveScale(StatefulEffect):
         else:
             y = self.sign * after
         deviation.travel_m[:, a] += self.size * y
+
+    def _relaxed(self, state: MotionState) -> Array:
+        """How much shorter a tape that was strained at the onset has grown (n,), over that after an hour."""
+        strained_s = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
+        return np.asarray(np.log1p(strained_s / RELAXES_S) / np.log1p(HOUR_S / RELAXES_S))
 
     def _since_begin_k(self, state: MotionState) -> tuple[Array, Array]:
         """A grid of times, and by how much warmer the drives then are than at the campaign's begin."""
@@ -200,10 +210,11 @@ EFFECTS = (
             "switching_range",
             "wandering_mains",
             "worn_wheel",
+            "loaded_tape",
         ),
-        final="worn_wheel",
-        reveals="time or motions made, a temperature swing, by variant their speed and direction, drive coordinate, "
-        "SMRs on the sliders",
+        final="loaded_tape",
+        reveals="time or motions made, a temperature swing, by variant their speed and direction, payload, drive "
+        "coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),
     ),

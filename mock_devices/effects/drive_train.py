@@ -30,6 +30,8 @@ CHANGE_M, UNEQUAL = (
 )  # of change wheels: travel of a turn of one; by how much the other differs
 TERMS = (2, 5)  # of a corrector
 LONE_M = (0.05, 0.15)  # half width of a lone wave, for the hyperbolic secant
+SPOOL_M, THICKER = (0.12, 0.22), (0.15, 0.4)  # of a tape on a spool: length of the first turn; by how much longer, over
+# that, each next one is
 BLOW_M, WAVES = (0.4, 0.7), (4.0, 7.0)  # of a blow on a tape: how far below the travel; waves along that
 
 
@@ -62,6 +64,8 @@ class CumulativeError(Effect):
     travel takes it away but for its edge, which rings on both sides: J. W. Gibbs, "Fourier's Series" (1899).
     `lone_wave`: a push has run along a tape while it was glued as one wave without a trough, and has stayed there: the
     square of a hyperbolic secant in D. J. Korteweg, G. de Vries, "On the Change of Form of Long Waves" (1895).
+    `spooled_tape`: a tape lay long on its spool and has kept a wave for each turn, all alike but each longer than the
+    one below by the tape's thickness: Archimedes, "On Spirals", ed. T. L. Heath (1897).
     """
 
     def setup(self) -> None:
@@ -108,13 +112,24 @@ class CumulativeError(Effect):
         left = self._beyond_terms(fine)
         self.left_level = np.polyfit(fine, left, 1)
         self.left_most = float(np.abs(left - np.polyval(self.left_level, fine)).max())
+        self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
+        self._draw_waves(fine)
+
+    def _draw_waves(self, fine: Array) -> None:
+        """A lone wave, and the turns of a tape on its spool."""
+        middle, half = self.site.drive_range_m(self.place)
         own = self.rng.spawn(1)[0]
         self.lone_at_m = middle + half * float(own.uniform(-0.5, 0.5))
         self.lone_m = float(own.uniform(*LONE_M)) * float(own.choice([-1.0, 1.0]))  # its sign is that of the wave
         lone = self._lone(fine)
         self.lone_level = np.polyfit(fine, lone, 1)
         self.lone_most = float(np.abs(lone - np.polyval(self.lone_level, fine)).max())
-        self.copied_most = float(np.abs(copied - np.polyval(self.copied_level, fine)).max())
+        own = self.rng.spawn(1)[0]
+        self.spool_m, self.thicker = float(own.uniform(*SPOOL_M)), float(own.uniform(*THICKER))
+        self.spool_at = float(own.uniform(0.0, 2.0 * np.pi))
+        spooled = self._spooled(fine)
+        self.spooled_level = np.polyfit(fine, spooled, 1)
+        self.spooled_most = float(np.abs(spooled - np.polyval(self.spooled_level, fine)).max())
 
     def _along_pieces(self, q_m: Array) -> Array:
         """Error of the rack (n,): where its piece lies, and half of that again by the pitch within the piece."""
@@ -151,6 +166,12 @@ class CumulativeError(Effect):
         """What a lone wave has left (n,), over its height."""
         return np.asarray(np.sign(self.lone_m) / np.cosh((q_m - self.lone_at_m) / self.lone_m) ** 2)
 
+    def _spooled(self, q_m: Array) -> Array:
+        """What turns on a spool have left (n,), over the height of their waves."""
+        way_m = np.maximum(q_m - self.site.machine.sliders[self.place].travel_m[0], -0.5 * self.spool_m)
+        turns = (np.sqrt(1.0 + 2.0 * self.thicker * way_m / self.spool_m) - 1.0) / self.thicker
+        return np.asarray(np.sin(2.0 * np.pi * turns + self.spool_at))
+
     def _beyond_terms(self, q_m: Array) -> Array:
         """What odd harmonics leave of a step (n,), over half the step."""
         _, half = self.site.drive_range_m(self.place)
@@ -179,10 +200,18 @@ class CumulativeError(Effect):
         elif self.variant == "sagging_tape":
             q = state.q_m[:, self.place]
             y = (self._along_tape(q) - np.polyval(self.tape_level, q)) / self.tape_most
-        elif self.variant in ("copied_gear", "beating_wheels", "dispersed_blow", "few_terms", "lone_wave"):
+        elif self.variant in (
+            "copied_gear",
+            "beating_wheels",
+            "dispersed_blow",
+            "few_terms",
+            "lone_wave",
+            "spooled_tape",
+        ):
             waves, level, most = {
                 "copied_gear": (self._copied, self.copied_level, self.copied_most),
                 "beating_wheels": (self._beating, self.beating_level, self.beating_most),
+                "spooled_tape": (self._spooled, self.spooled_level, self.spooled_most),
                 "lone_wave": (self._lone, self.lone_level, self.lone_most),
                 "few_terms": (self._beyond_terms, self.left_level, self.left_most),
                 "dispersed_blow": (self._blown, self.blown_level, self.blown_most),
@@ -220,8 +249,9 @@ EFFECTS = (
             "dispersed_blow",
             "few_terms",
             "lone_wave",
+            "spooled_tape",
         ),
-        final="lone_wave",
+        final="spooled_tape",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -248,8 +278,9 @@ EFFECTS = (
             "geared_together",
             "conical_drum",
             "bent_end",
+            "racked_bearings",
         ),
-        final="bent_end",
+        final="racked_bearings",
         reveals="many drive positions off a grid, by variant direction, payload and distance moved, the other "
         "drive's coordinate, SMRs on the sliders",
         make=PeriodicError,

@@ -16,7 +16,10 @@ FEET_K = (0.06, 0.2)  # by how much warmer a frame pushes its feet on
 TURNS_K, TURNS_BACK_K, TURNS_OVER_K = (0.05, 0.25), (0.1, 0.25), 0.1  # see `martensite`: above the begin; loop; width
 CURIE_K = (-0.1, 0.3)  # where an alloy loses its magnetism, above the temperature of the begin
 RATE_S, LOOKS_BACK_S = 1800.0, 120.0  # time in which one kelvin gives the growth of one; over which a rate is taken
-OF_STRUTS = ("nickel_steel", "late_growth", "martensite", "curie_kink", "stressed_alloy", "strained_by_rate")
+OF_STRUTS = (
+    "nickel_steel", "late_growth", "martensite", "curie_kink", "stressed_alloy", "strained_by_rate", "grows_for_good",
+)  # fmt: skip
+FOR_GOOD_K = (0.0, 0.2)  # by how much warmer than at the begin iron grows for good
 ALLOY_K = 2.0  # growth without a change of phase that is as large as the change
 FULL_PAYLOAD_KG = 400.0
 
@@ -56,6 +59,9 @@ class ExpansionCoefficient(Effect):
     `strained_by_rate`: the struts' skin is warmer than their core while they are warmed, and grows them, beyond what is
     stated, in proportion to how fast that goes; nothing is left once it is over: J. M. C. Duhamel, "Second mémoire sur
     les phénomènes thermo-mécaniques" (1838). The size is for one kelvin in RATE_S.
+    `grows_for_good`: the struts are of grey iron, which besides what is stated grows by the highest temperature that it
+    has had since the campaign's begin, from somewhat above that of the begin on, and keeps that: H. F. Rugan, H. C. H.
+    Carpenter, "The Growth of Cast Irons After Repeated Heatings" (1909).
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -70,6 +76,7 @@ class ExpansionCoefficient(Effect):
         self.turns_back_k = self.turns_k - float(self.rng.uniform(*TURNS_BACK_K))
         self.feet_k = float(self.rng.uniform(*FEET_K))
         self.kink_k = float(self.rng.uniform(*CURIE_K))
+        self.for_good_k = float(self.rng.uniform(*FOR_GOOD_K))
 
     def warmth_k(self, state: MotionState, part: str) -> Array:
         """Recorded temperature of a part above the machine file's reference (n,)."""
@@ -149,8 +156,8 @@ class ExpansionCoefficient(Effect):
         """What all struts grow by (n,), over the size, in kelvin."""
         if self.variant == "late_growth":
             return self._late_k(state)
-        if self.variant == "martensite":
-            return ALLOY_K * self._turned(state)
+        if self.variant in ("martensite", "grows_for_good"):
+            return ALLOY_K * self._turned(state) if self.variant == "martensite" else self._kept_k(state)
         if self.variant == "strained_by_rate":
             sensor, start_s = self.site.machine.expansion["struts"].sensor, self.site.start_s
             then_s = np.maximum(state.t_s - LOOKS_BACK_S, start_s)
@@ -187,6 +194,12 @@ class ExpansionCoefficient(Effect):
             now = min(max(now, at_least), at_most)
             shares[i] = now
         return np.asarray(np.interp(state.t_s, grid, shares))
+
+    def _kept_k(self, state: MotionState) -> Array:
+        """By how much the struts' highest temperature so far (n,) is above that from which on iron grows for good."""
+        grid, warmer_k = self._since_begin_k(state, "struts")
+        kept_k = np.maximum.accumulate(np.maximum(warmer_k - self.for_good_k, 0.0))
+        return np.asarray(np.interp(state.t_s, grid, kept_k))
 
     def _jumped_k(self, state: MotionState) -> Array:
         """By how much warmer the frame was when its feet last jumped than at the campaign's begin (n,)."""
@@ -229,10 +242,11 @@ EFFECTS = (
             "stressed_alloy",
             "graded_screw",
             "strained_by_rate",
+            "grows_for_good",
         ),
-        final="strained_by_rate",
-        reveals="recorded temperatures of the parts, by variant how fast they change or the payload, SMRs on the "
-        "sliders",
+        final="grows_for_good",
+        reveals="recorded temperatures of the parts, by variant how fast they change, their highest so far or "
+        "the payload, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
 )

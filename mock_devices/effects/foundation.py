@@ -25,6 +25,7 @@ REBOUNDS, EARLY = (
     (0.08, 0.25),
 )  # of relieved ground: part of the rise over the size; its times
 FAILS, HELD = (0.4, 1.0), 0.95  # of a slope: when it would fail, over tau_s; share of that after which it is held
+SEICHE_S, FADES = (600.0, 1500.0), 3.0  # of a lake: period; time constant in which it calms down, over tau_s
 AT_ONCE = 0.5  # share of a bowl under the other foot that follows at once
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
@@ -69,6 +70,9 @@ class FoundationSettling(Effect):
     `failing_slope`: from the onset on the ground slides ever faster, with one over what time is left until it would
     fail, and so by the logarithm of that, until rubble holds it: M. Saito, "Forecasting the Time of Occurrence of a
     Slope Failure" (1965). The size is where it is held.
+    `lake_seiche`: a gust at the onset has set a lake near by swinging, whose water presses the ground as it comes and
+    goes, ever less, so that the foot sinks and rises: F. A. Forel, "Le Léman" (1895). The size is the amplitude, were
+    it not damped.
     """
 
     def setup(self) -> None:
@@ -83,6 +87,7 @@ class FoundationSettling(Effect):
         self.cycle_s = float(self.rng.uniform(*CYCLES_S))
         self.early = float(self.rng.spawn(1)[0].uniform(*EARLY))
         self.fails_s = float(self.rng.spawn(1)[0].uniform(*FAILS)) * self.values["tau_s"]
+        self.seiche_s = float(self.rng.spawn(1)[0].uniform(*SEICHE_S))
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -105,8 +110,8 @@ class FoundationSettling(Effect):
 
     def _by_load(self, state: MotionState, after_s: Array) -> Array:
         """How far the foot has sunk (n,) by what stands or stood on it or wets it, over the size."""
-        if self.variant == "watered_clay":
-            return -self._swollen(after_s)
+        if self.variant in ("watered_clay", "lake_seiche"):
+            return -self._swollen(after_s) if self.variant == "watered_clay" else self._swung(after_s)
         if self.variant == "failing_slope":
             return np.asarray(np.log1p(-np.minimum(after_s / self.fails_s, HELD)) / np.log1p(-HELD))
         if self.variant == "rebounding_ground":
@@ -119,6 +124,11 @@ class FoundationSettling(Effect):
             at_once = self._weight_beside(state.q_m[:, self.next])
             return np.asarray(softened * (AT_ONCE * at_once + (1.0 - AT_ONCE) * self._bowl.at(state, self.next)))
         return np.asarray(softened * self._pressed.at(state, self.place))
+
+    def _swung(self, after_s: Array) -> Array:
+        """How far the water of a lake presses the ground (n,), this way or that, over its first swing undamped."""
+        left = np.exp(-after_s / (FADES * self.values["tau_s"]))
+        return np.asarray(left * np.sin(2.0 * np.pi * after_s / self.seiche_s))
 
     def _swollen(self, after_s: Array) -> Array:
         """How far clay has swollen some time after sprinklers were switched on (n,), over what it would end at."""
@@ -162,6 +172,7 @@ class FoundationSettling(Effect):
             "watered_clay",
             "rebounding_ground",
             "failing_slope",
+            "lake_seiche",
         ):
             share = self._by_load(state, after)
         elif self.variant == "curling_slab":
@@ -210,8 +221,9 @@ EFFECTS = (
             "watered_clay",
             "rebounding_ground",
             "failing_slope",
+            "lake_seiche",
         ),
-        final="failing_slope",
+        final="lake_seiche",
         reveals="time, motions or exchanges of payload made, by variant places, also of the other drive, a "
         "temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,

@@ -23,6 +23,7 @@ SQUARE, JAMS_M = 0.2, (0.6, 1.0)  # of a drawer: friction while it is square, ov
 OILED, OILS_S = 0.25, (700.0, 1800.0)  # friction right after a pulse of oil, over the size; cycle of a lubricator
 CLEAR, TOUCHES_KG = (0.1, 0.4), (60.0, 300.0)  # of a shoe: friction while it is clear, over the size; payload from
 # which it touches
+SHARED = (0.35, 0.7)  # of a belt: part of its friction that goes by the other drive's last motion
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
@@ -60,6 +61,9 @@ class FrictionWindup(Play):
     that right before a pulse.
     `overloaded_shoe`: beyond one payload the carriage sinks onto a shoe, whose dry friction comes in at once with its
     whole force: A. Morin, "Nouvelles expériences sur le frottement" (1832). `friction_n` is that beyond it.
+    `shared_belt`: one belt runs over both drives and rubs on either, so that what is left goes by the last motion of
+    this one and, in part, by that of the next: J. T. Desaguliers, "A Course of Experimental Philosophy" (1734).
+    `friction_n` is that after both went the same way.
     """
 
     def setup(self) -> None:
@@ -73,6 +77,7 @@ class FrictionWindup(Play):
         self.oils_s = float(self.rng.uniform(*OILS_S))
         self.oiled = float(self.rng.uniform(0.0, 1.0))
         self.touches_kg, self.clear = float(self.rng.uniform(*TOUCHES_KG)), float(self.rng.uniform(*CLEAR))
+        self.shared = float(self.rng.uniform(*SHARED))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the grease remember, too."""
@@ -104,7 +109,7 @@ class FrictionWindup(Play):
         a, values = self.place, self.values
         if self.variant == "flanks":
             return self._flanks_n(state)
-        friction = -values["friction_n"] * self.side(state, a)
+        friction = -values["friction_n"] * self._sides(state)
         if self.variant == "stribeck":
             friction = friction * (0.5 + np.exp(-state.speed_m_per_s[:, a] / 0.25))
         elif self.variant == "relaxing":
@@ -135,6 +140,14 @@ class FrictionWindup(Play):
         elif self.variant == "position_friction":
             friction = friction * (1.0 + 0.6 * np.sin(2.0 * np.pi * state.q_m[:, a] / 0.31 + self.phase))
         return np.asarray(friction)
+
+    def _sides(self, state: MotionState) -> Array:
+        """From which side the drive came (n,), or both that a belt shares."""
+        own = self.side(state, self.place)
+        if self.variant != "shared_belt":
+            return own
+        others = self.side(state, (self.place + 1) % len(self.site.machine.sliders))
+        return np.asarray((1.0 - self.shared) * own + self.shared * others)
 
     def _lasted(self, elapsed_s: Array) -> Array:
         """Friction by time alone (n,), over the size: of a grease that grows warm, or since the last pulse of oil."""
@@ -196,10 +209,11 @@ EFFECTS = (
             "jammed_drawer",
             "oiled_anew",
             "overloaded_shoe",
+            "shared_belt",
         ),
-        final="overloaded_shoe",
-        reveals="torque: both directions and payloads; by variant speed, dwell, pose, temperature, time, earlier "
-        "motions",
+        final="shared_belt",
+        reveals="torque: both directions, also of the other drive, and payloads; by variant speed, dwell, pose, "
+        "temperature, time, earlier motions",
         make=FrictionWindup,
         others=FRICTION_PARAMETERS,
     ),

@@ -92,6 +92,11 @@ class _Guide(GuideByMotion):
     Engineers" (1956).
     `lagging_shoe`: what holds the carriage to its rail is a shoe with play along the way, which it drags behind it, so
     that it follows the line late, from either side: F. Preisach, "Über die magnetische Nachwirkung" (1935).
+    `dragged_beam`: a beam between both carriages is dragged along by the next one and leans on this guide by the
+    direction in which that last went, the more, or the less, the higher this carriage stands: G. Amontons, "De la
+    résistance causée dans les machines" (1699). The size is that in the middle of the travel.
+    `three_seats`: every motion of the carriage leaves it in one of three seats, by chance: R. von Mises,
+    "Wahrscheinlichkeit, Statistik und Wahrheit" (1928). The outer ones are the size to either side.
     `dented_by_rest`: where the carriage last rested for a while its balls have left a dent, deeper after longer rest,
     and near that place it tilts into it, one way above and the other way below: J. O. Almen, "Lubricants and False
     Brinelling of Ball and Roller Bearings" (1937). The next rest leaves another one and the first is rolled out.
@@ -272,10 +277,11 @@ EFFECTS = (
             "carriage_abreast",
             "buckled_rail",
             "lagging_shoe",
+            "dragged_beam",
         ),
-        final="lagging_shoe",
-        reveals="drive coordinate, by variant the other one's, direction, payload, distance moved or temperature, "
-        "SMRs on the sliders",
+        final="dragged_beam",
+        reveals="drive coordinate, by variant the other one's, direction, also of the other drive, payload, distance "
+        "moved or temperature, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
     ),
@@ -294,10 +300,11 @@ EFFECTS = (
             "warm_gap",
             "pulsing_pockets",
             "dented_by_rest",
+            "three_seats",
         ),
-        final="dented_by_rest",
-        reveals="drive coordinate, by variant direction, speed, dwell, former rests, payload, temperature and time, "
-        "platform rotation; not a slider's SMR",
+        final="three_seats",
+        reveals="drive coordinate, by variant direction, speed, dwell, former rests, number of motions, payload, "
+        "temperature and time, platform rotation; not a slider's SMR",
         make=Angular,
         others=_WAVE,
     ),

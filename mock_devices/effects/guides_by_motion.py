@@ -17,7 +17,7 @@ WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of it
 # the size; time in which its film is pressed out to 1 / sqrt(2)
 BY_MOTION = (
     "gib_play", "off_centre_drive", "racked_frame", "tilting_pad", "carriage_abreast", "warm_gap", "buckled_rail",
-    "pulsing_pockets", "lagging_shoe", "dented_by_rest",
+    "pulsing_pockets", "lagging_shoe", "dented_by_rest", "dragged_beam", "three_seats",
 )  # fmt: skip
 ABREAST_M = (0.12, 0.22)  # in which the push of a carriage that is abreast falls by e
 TIGHT, OPENS_K = 0.25, (-0.4, 0.4)  # of warm blocks: waves while they are tight, over the size; when they open
@@ -28,6 +28,8 @@ BUCKLE_K = 1.0  # by how much warmer than that a rail has buckled by the size
 STEADY, PULSES = 0.4, 1.2  # of pockets: waves at their mean pressure, over the size; what a pulse adds
 LAGS_M = (0.02, 0.06)  # half of the play of a shoe
 DENTS_M, DENTS_S, RESTS_S = (0.15, 0.3), (5.0, 20.0), 2.0  # of a dent: half width; time in which it forms; least rest
+BEAM_LEANS = (0.2, 0.8)  # of a beam: by how much more it leans at the upper end than in the middle, or less, by lot
+SEATS, OFF_MIDDLE = 4096, 0.4  # of a carriage, until chance repeats itself; how far off the middle one may be
 POCKETS_S = (200.0, 700.0)  # period of their pressure
 
 
@@ -51,6 +53,9 @@ class GuideByMotion(Effect):
         self.pockets_at = float(own.uniform(0.0, 2.0 * np.pi))
         self.lags_m = float(own.uniform(*LAGS_M))
         self.dent_m, self.dents_s = float(own.uniform(*DENTS_M)), float(own.uniform(*DENTS_S))
+        self.beam_leans = float(own.uniform(*BEAM_LEANS)) * float(own.choice([-1.0, 1.0]))
+        self.seats = np.array([-1.0, float(own.uniform(-OFF_MIDDLE, OFF_MIDDLE)), 1.0])
+        self.seated = own.integers(3, size=SEATS)
         self._shoe = Dragged(self.lags_m, middle)
         self._rested = RestedAt(RESTS_S, middle)
 
@@ -77,13 +82,14 @@ class GuideByMotion(Effect):
             "pulsing_pockets": self._pulsed,
             "lagging_shoe": self._lagged,
             "dented_by_rest": self._dented,
+            "three_seats": self._seated,
             "warm_gap": self._opened,
             "tilting_pad": self._ridden_up,
         }
         if self.variant in forms:
             return forms[self.variant](state)
-        if self.variant == "racked_frame":
-            return self._racked(x, state)
+        if self.variant in ("racked_frame", "dragged_beam"):
+            return self._racked(x, state) if self.variant == "racked_frame" else self._leant_on(x, state)
         return state.direction[:, self.place] * self._to_a_side(x, state.payload_kg)
 
     def _opened(self, state: MotionState) -> Array:
@@ -100,6 +106,15 @@ class GuideByMotion(Effect):
         b = (self.place + 1) % len(self.site.machine.sliders)
         middle, half = self.site.drive_range_m(b)
         return np.asarray((state.q_m[:, b] - middle) / half * (RACKS * x + BOWS * (2.0 * x**2 - 1.0)))
+
+    def _leant_on(self, x: Array, state: MotionState) -> Array:
+        """To which side a dragged beam leans on this guide, and how much (n,)."""
+        direction = state.direction[:, (self.place + 1) % len(self.site.machine.sliders)]
+        return np.asarray(direction * (1.0 + self.beam_leans * x))
+
+    def _seated(self, state: MotionState) -> Array:
+        """How a carriage tilts in the seat that its last motion left it in (n,)."""
+        return np.asarray(self.seats[self.seated[state.leg[:, self.place] % SEATS]])
 
     def _ridden_up(self, state: MotionState) -> Array:
         """How far a pad has tilted (n,), with the waves of its rail."""

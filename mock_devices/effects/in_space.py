@@ -18,7 +18,7 @@ ALL: tuple[str, ...] = ()  # every variant of an effect
 # Their floor lies across the second axis of the frame, which points up in planar machines only.
 NOT_OF_SPACE = ("power_law", "cold_floor")
 # A platform that two sliders in a plane move, and forces by the angles of its struts.
-OF_PLANE = ("sloshing", "hanging_chain", "guide_pressed")
+OF_PLANE = ("sloshing", "hanging_chain", "landed_counterweight", "guide_pressed")
 OF_SLIDERS = (  # what a guide, a linear motor or a carriage does
     "guide_straightness", "guide_angular", "joint_spacing",
     "loose_bolt", "air_bearing_lift", "oil_film", "lubrication_pulse", "magnet_detent", "guide_wear",
@@ -37,6 +37,7 @@ OUTSIDE = (
     "lost_fringes", "tacky_film", "stepping_collar", "every_other_stop",
     "switched_gain", "rung_by_other", "rounded_ways",
     "catching_hook", "stay_cable", "scheduled_gain",
+    "two_faces", "aneroid_bellows", "neighbours_cam", "rounded_ratio",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -62,6 +63,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "stressed_alloy",
         "graded_screw",
         "strained_by_rate",
+        "grows_for_good",
     ),
     "link_stiffness": (
         "softer",
@@ -73,6 +75,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "fractional_rubber",
         "snapped_truss",
         "closed_spring",
+        "opening_crack",
     ),
     "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,

@@ -27,6 +27,8 @@ PASSERS_S, PASSERS, FORGETS_S = 240.0, 400, 600.0  # mean time between passers-b
 HOLDS_K, DRAGGED = (0.1, 0.4), 3.0  # of feet: kelvin that friction holds; see `dragged_feet`
 SETTLES_S = 60.0  # from which on legs settle with the logarithm of time
 LEVEL_S, GROWS_S, STARTS = (300.0, 900.0), (400.0, 1200.0), 0.05  # of a level: period; growth by e; swing at first
+TRUCK_S, CROSSES_S, STANDS = (600.0, 1500.0), (900.0, 2400.0), (0.3, 0.7)  # of a truck: when it comes; how long it
+# takes; where along its way the station stands
 FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
 TRACKS_M_PER_S, COOLS_S = 0.04, 900.0  # of a station that follows motions: mean of their speeds for the size; cooling
 
@@ -80,6 +82,9 @@ class StationDrift(Effect):
     `hunting_level`: a compensator levels it by a motor that is governed too sharply, so that it swings up by itself
     from hardly anything until the limits of the motor hold the swings: J. C. Maxwell, "On Governors" (1868). The
     size is the amplitude in the end.
+    `crossing_truck`: a heavy truck is led at a crawl across the span of floor on which the station stands, once, and
+    the floor dips there by the line of influence of a beam: E. Winkler, "Vortrag über die Berechnung von Brücken"
+    (1868). The size is that of the truck right beside the station.
     """
 
     def setup(self) -> None:
@@ -110,6 +115,8 @@ class StationDrift(Effect):
         self.hollows = hollows / np.linalg.norm(hollows, axis=1)[:, None] * np.sqrt(3.0)
         self.holds_k = float(own.uniform(*HOLDS_K))
         self.level_s, self.grows_s = float(own.uniform(*LEVEL_S)), float(own.uniform(*GROWS_S))
+        self.truck_s, self.crosses_s = float(own.uniform(*TRUCK_S)), float(own.uniform(*CROSSES_S))
+        self.stands = float(own.uniform(*STANDS))
 
     def _switched(self, elapsed_s: Array) -> Array:
         """Warmth (n,) from 0, where the fan stops, to 1, where it starts; SWITCHES is the time constant of either part
@@ -125,6 +132,12 @@ class StationDrift(Effect):
         """Swing (n,) whose amplitude grows until it is limited: da/dt = a (1 - a^2) / grows_s."""
         swing = 1.0 / np.sqrt(1.0 + (STARTS**-2 - 1.0) * np.exp(-2.0 * elapsed_s / self.grows_s))
         return np.asarray(swing * np.sin(2.0 * np.pi * elapsed_s / self.level_s))
+
+    def _dipped(self, elapsed_s: Array) -> Array:
+        """How far the floor has dipped under the station (n,) by where a truck is, over that right beside it."""
+        truck = np.clip((elapsed_s - self.truck_s) / self.crosses_s, 0.0, 1.0)
+        near, far = np.minimum(truck, self.stands), 1.0 - np.maximum(truck, self.stands)
+        return np.asarray(near * far * (1.0 - near**2 - far**2) / (2.0 * (self.stands * (1.0 - self.stands)) ** 2))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let every motion shake the stand, or warm what follows it."""
@@ -176,8 +189,9 @@ class StationDrift(Effect):
             y = self._weighs(state) @ self.hollows
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
-        elif self.variant in ("thermostat", "hunting_level"):
-            y = np.outer(self._switched(t) if self.variant == "thermostat" else self._hunted(t), self.weights)
+        elif self.variant in ("thermostat", "hunting_level", "crossing_truck"):
+            courses = {"thermostat": self._switched, "hunting_level": self._hunted, "crossing_truck": self._dipped}
+            y = np.outer(courses[self.variant](t), self.weights)
         elif self.variant == "warm_up":
             y = np.outer(1.0 - np.exp(-t / 1800.0), self.weights)
         elif self.variant in ("with_air", "dragged_feet"):
@@ -212,8 +226,9 @@ EFFECTS = (
             "carriages_weight",
             "dragged_feet",
             "hunting_level",
+            "crossing_truck",
         ),
-        final="hunting_level",
+        final="crossing_truck",
         reveals="time or motions made, by variant both drives' coordinates, payload and a temperature swing, floor "
         "nests",
         make=StationDrift,
@@ -244,10 +259,11 @@ EFFECTS = (
             "heaving_layers",
             "convection_cells",
             "tilting_layer",
+            "warm_workpiece",
         ),
-        final="tilting_layer",
-        reveals="angles, or ranges, against height and distance, by variant time, motions made, all SMRs and nests "
-        "alike",
+        final="warm_workpiece",
+        reveals="angles, or ranges, against height and distance, by variant time, payload, motions made, all SMRs "
+        "and nests alike",
         make=Refraction,
     ),
 )

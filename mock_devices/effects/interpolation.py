@@ -60,6 +60,9 @@ class Interpolation(Effect):
     `neighbours_signal`: the cable of the next drive's encoder lies beside that of one of this one's two signals, which
     so contains some of it, and the error goes with the sum and with the difference of both phases: O. Heaviside,
     "Electrical Papers" (1892). Both scales are alike. The size is that of either.
+    `leaning_head`: springs that should guide its head in parallel let that lean by the direction of the last motion,
+    and so one of the signals has an offset to one side or the other: R. V. Jones, "Some Parasitic Deflexions in
+    Parallel Spring Movements" (1951).
     """
 
     def setup(self) -> None:
@@ -80,6 +83,7 @@ class Interpolation(Effect):
         self.beats = float(own.uniform(0.0, 2.0 * np.pi))
         self.lifts_kg = float(own.uniform(*LIFTS_KG))
         self.next_at = float(own.uniform(0.0, 2.0 * np.pi))
+        self.leans_at = float(own.uniform(0.0, 2.0 * np.pi))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the head smear the drop."""
@@ -98,9 +102,9 @@ class Interpolation(Effect):
         elif self.variant in ("ellipse", "harmonics", "two_tracks"):
             shapes = {"ellipse": self._ellipse, "harmonics": self._harmonics, "two_tracks": self._two_tracks}
             y = shapes[self.variant](phase)
-        elif self.variant in ("lifted_head", "neighbours_signal"):
-            lifts = self.variant == "lifted_head"
-            y = self._lifted(phase, state.payload_kg) if lifts else self._beside(phase, state)
+        elif self.variant in ("lifted_head", "neighbours_signal", "leaning_head"):
+            by_state = {"lifted_head": self._lifted, "neighbours_signal": self._beside, "leaning_head": self._leant}
+            y = by_state[self.variant](phase, state)
         elif self.variant == "shadow_gratings":
             error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
             y = ((error + np.pi) % (2.0 * np.pi) - np.pi) / SHADOW_RAD
@@ -135,9 +139,9 @@ class Interpolation(Effect):
         """Error of the mean of two tracks (n,) of unequal periods, over the size."""
         return np.asarray(ONE_TRACK * (np.sin(phase) + np.sin(phase * (1.0 + 1.0 / self.periods) + self.beats)))
 
-    def _lifted(self, phase: Array, payload_kg: Array) -> Array:
+    def _lifted(self, phase: Array, state: MotionState) -> Array:
         """Error of the arc tangent (n,) of a weaker sine, over its first term with a full payload."""
-        kept, least = (CLOSE * np.exp(-kg / self.lifts_kg) for kg in (payload_kg, FULL_PAYLOAD_KG))
+        kept, least = (CLOSE * np.exp(-kg / self.lifts_kg) for kg in (state.payload_kg, FULL_PAYLOAD_KG))
         error = np.arctan2(kept * np.sin(phase), np.cos(phase)) - phase
         return np.asarray(((error + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + least) / (1.0 - least))
 
@@ -146,6 +150,10 @@ class Interpolation(Effect):
         others_m = state.q_m[:, (self.place + 1) % len(self.site.machine.sliders)]
         others = 2.0 * np.pi * others_m / self.values["pitch_m"] + self.next_at
         return np.asarray(2.0 * np.cos(phase) * np.sin(others))
+
+    def _leant(self, phase: Array, state: MotionState) -> Array:
+        """Error (n,) by the offset of one signal, to the side of the last motion."""
+        return np.asarray(state.direction[:, self.place] * np.sin(phase + self.leans_at))
 
     def _harmonics(self, phase: Array) -> Array:
         """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
@@ -185,10 +193,11 @@ EFFECTS = (
             "two_tracks",
             "lifted_head",
             "neighbours_signal",
+            "leaning_head",
         ),
-        final="neighbours_signal",
-        reveals="many drive positions off a grid, by variant of the other drive, too, payload, temperature or distance "
-        "moved, SMRs on the sliders",
+        final="leaning_head",
+        reveals="many drive positions off a grid, by variant of the other drive, too, payload, temperature, direction "
+        "or distance moved, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
     ),

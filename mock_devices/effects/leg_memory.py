@@ -76,6 +76,24 @@ class PassMemory:
         return np.asarray(before * kept + np.abs(inside) * self._weighs(speed) * left)
 
 
+class Reversals:
+    """How many motions of a drive went against the one before; a motion under way counts."""
+
+    def __init__(self) -> None:
+        self._before = [(0.0, 0.0)]  # their number, and the sign of the last motion
+
+    def record(self, leg: Leg) -> None:
+        """A leg has ended."""
+        count, last = self._before[-1]
+        side = float(np.sign(leg.to_m - leg.from_m))
+        self._before.append((count + (side * last < 0.0), side or last))
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """Their number (n,) at the moments of a state."""
+        count, last = np.array([self._before[k] for k in state.leg[:, drive].tolist()]).T
+        return np.asarray(count + ((state.q_m[:, drive] - state.from_m[:, drive]) * last < 0.0))
+
+
 def ways_m(way_m: Array, _speed: Array, _start_s: Array) -> Array:
     """Metres travelled, in either direction."""
     return np.abs(way_m)

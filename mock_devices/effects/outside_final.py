@@ -7,152 +7,169 @@ from __future__ import annotations
 
 import numpy as np
 
-from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StationSight
-from mock_devices.effects.followers import Flipped
+from mock_devices.effects.base import (
+    Array,
+    Deviation,
+    Effect,
+    EffectArguments,
+    EffectParameter,
+    Leg,
+    MotionState,
+    StationSight,
+)
 from mock_devices.effects.outside_shapes import OutsideEffect, apply_variant, outside_effect
-from mock_devices.effects.strut_ways import beside_m
 
-FLOOR_M = -1.2  # in the machine's frame
-WAVE_M = (0.08, 0.2)  # by which the way over the floor is longer in one period of the error
-HOOK_AT, CATCHES = 0.1 - 0.2j, (0.15, 0.5)  # of a hook: point of the platform; how far from the middle of the travel it
-# catches and lets go, over half of that
-LEANS = 0.2  # of the hook's force, by how straight the line then hangs, from one end of the travel to the middle
-TAUT, STAY_M = (0.15, 0.4), 0.3  # of a stay: how far above the carriage it is taut, over half the travel; beyond for
-# the size
-SWITCHES_KG, ASIDE = (60.0, 300.0), (0.4, 1.0)  # payload from which other gains are taken; what they do aside, over
-# the size
+AXIS = (1.0, 3.0)  # of a station that is turned over: tilt of its axis over that of its beam, to either side
+BELLOWS_AT, SLACK_HPA, PULL_HPA = 0.1 - 0.2j, (-0.05, 0.05), 0.1  # of a bellows: point of the platform; change of
+# pressure at which it is slack; how much beyond that for the size
+CAM_M = (0.12, 0.3)  # travel of the next drive in one turn of a cam
+TEETH, WAY_M, TOGETHER_S = (3, 9), 0.5, 1.0e-3  # of an electronic gear: denominator of its ratios; way of the next
+# drive for the size; motions that begin within it are geared
 
 
-class MirroredFloor(OutsideEffect):
-    """A part of the light comes back by way of the polished floor and mixes with the beam, as it does with a mirror.
+class TwoFaces(OutsideEffect):
+    """The station is turned over to its other face at every exchange of the payload, and its errors change their sign.
 
-    H. Lloyd, "On a New Case of Interference of the Rays of Light" (1834). The way over the floor is that to the image
-    of the reflector below it; ranges err by a sine of what it is longer, in waves of the reflector's height that are
-    the shorter the nearer that is. Angles are right.
+    Beam and transit axis are askew, and the horizontal angle is off by one over the sine of the zenith angle and by its
+    cotangent, to opposite sides in both faces, so that their mean is right: J. G. F. Bohnenberger, "Anleitung zur
+    geographischen Ortsbestimmung" (1795). The size is the tilt of the beam.
     """
 
     def setup(self) -> None:
-        """By how much longer the way is in a period."""
+        """Tilt of the axis over that of the beam."""
         super().setup()
-        self.wave_m = float(self.rng.uniform(*WAVE_M))
+        self.axis = float(self.rng.uniform(*AXIS)) * float(self.rng.choice([-1.0, 1.0]))
 
     def apply_to_sight(self, state: MotionState, sight: StationSight) -> None:
-        """Read ranges wrongly."""
-        station_m = self.site.station_m[1] - FLOOR_M
-        level_m = np.hypot(sight.points_m[..., 0], sight.points_m[..., 1])
-        sum_m = np.maximum(2.0 * station_m + sight.points_m[..., 2], 0.0)  # of both heights above the floor
-        longer_m = np.hypot(level_m, sum_m) - np.hypot(level_m, sight.points_m[..., 2])
-        y = np.sin(2.0 * np.pi * longer_m / self.wave_m + self.phase)
-        sight.distance_m += self.size * apply_variant(y, self.variant, state.payload_kg[:, None])
+        """Read the horizontal circle wrongly."""
+        face = 1.0 - 2.0 * (state.exchanges.astype(int) % 2)
+        y = face[:, None] * (1.0 + self.axis * np.cos(sight.v_rad)) / np.sin(sight.v_rad)
+        sight.hz_rad += self.size * apply_variant(y, self.variant, state.payload_kg[:, None])
 
 
-class CatchingHook(OutsideEffect):
-    """A hook beside one column catches a line of the platform as that carriage comes high, and lets go far below.
+class AneroidBellows(OutsideEffect):
+    """A closed bellows between platform and frame, left from some vacuum line, pulls by the pressure of the atmosphere.
 
-    Levers that engage at one place and release at another: J. A. Borgnis, "Traité complet de mécanique appliquée aux
-    arts" (1818). While it is caught a weight on the line pulls the platform aside, a little
-    more so the higher the carriage stands.
+    L. Vidie, "Baromètre anéroïde" (1844). What is shut in keeps the pressure of one moment, near that of the campaign's
+    begin, and the bellows pulls the platform aside by how far the air's pressure is from there.
     """
 
     def setup(self) -> None:
-        """Which carriage engages it, and where it catches and lets go; free at first."""
+        """To which side it pulls, and the change of pressure at which it is slack."""
         super().setup()
-        self.drive = int(self.rng.integers(2))
-        middle, half = self.site.drive_range_m(self.drive)
-        down, up = self.rng.uniform(*CATCHES, 2).tolist()
-        self.catches_m = (middle - half * down, middle + half * up)
-        self._hook = Flipped(*self.catches_m)
-
-    def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the carriage catch it or let it go."""
-        if drive == self.drive:
-            self._hook.record(leg)
+        self.side = float(self.rng.choice([-1.0, 1.0]))
+        self.slack_hpa = float(self.rng.uniform(*SLACK_HPA))
 
     def _unit(self, state: MotionState) -> Array:
-        middle, half = self.site.drive_range_m(self.drive)
-        leans = 1.0 - LEANS + LEANS * (state.q_m[:, self.drive] - middle) / half
-        return np.asarray((0.5 + 0.5 * self._hook.at(state, self.drive)) * leans)
+        begin_s = np.full(len(state), self.site.start_s)
+        change_hpa = state.thermal.pressure_series_hpa(state.t_s) - state.thermal.pressure_series_hpa(begin_s)
+        return np.asarray(self.side * (change_hpa - self.slack_hpa) / PULL_HPA)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Pull sideways at the platform's lower edge."""
-        deviation.loads.append((np.full(len(state), HOOK_AT), self.signal(state).astype(np.complex128)))
+        deviation.loads.append((np.full(len(state), BELLOWS_AT), self.signal(state).astype(np.complex128)))
 
 
-class StayCable(OutsideEffect):
-    """A stay hangs slack between a strut and the next carriage, and draws the strut longer once that is far above it.
+class NeighboursCam(OutsideEffect):
+    """The next drive turns a cam, on which an end of the strut lies, and lifts and lowers it.
 
-    Chains that hang and chains that are taut: L. Navier, "Mémoire sur les ponts suspendus" (1823). From where it is
-    taut on its pull goes with how much farther above its own drive the next carriage stands.
+    Wheels whose radius goes by the angle: C. Camus, "Cours de mathématique" (1749). This one is a circle off its axis,
+    so that the strut is longer and shorter in waves of where the next drive stands.
     """
 
     def setup(self) -> None:
-        """From where on the stay is taut."""
+        """Travel in a turn of the cam."""
         super().setup()
-        self.drive = self.site.machine.struts[self.place].drive
-        self.taut_m = float(self.rng.uniform(*TAUT)) * self.site.drive_range_m(self.drive)[1]
+        self.cam_m = float(self.rng.uniform(*CAM_M))
+        self.next = (self.site.machine.struts[self.place].drive + 1) % len(self.site.machine.sliders)
 
     def _unit(self, state: MotionState) -> Array:
-        return np.maximum(beside_m(self.site, state, self.drive) - self.taut_m, 0.0) / STAY_M
+        return np.sin(2.0 * np.pi * state.q_m[:, self.next] / self.cam_m + self.phase)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Lengthen the strut."""
+        """Lengthen and shorten the strut."""
         deviation.length_m[:, self.place] += self.signal(state)
 
 
-class ScheduledGain(OutsideEffect):
-    """A drive's control is tuned for light payloads, and beyond one takes gains by which way the platform moves.
+class RoundedRatio(Effect):
+    """An electronic gear lets a drive follow the next one by a ratio of whole numbers, the nearest to their ways' own.
 
-    W. J. Rugh, J. S. Shamma, "Research on Gain Scheduling" (2000). Both drives that went the same way have lifted or
-    lowered the platform, and their control then lets the slider stand too high; drives that went opposite ways have
-    moved it aside, and the slider stands too low. With lighter payloads it stands right.
+    A. Brocot, "Calcul des rouages par approximation" (1861): some ratios can be had and all others by what is near
+    them. In motions of both drives together the slider goes by the ratio that its gear has, with the same denominator
+    always, and stands beside its target by the rest, which goes on adding up; a motion alone is not geared. The size is
+    the most that one motion leaves when the next drive's way is WAY_M.
     """
 
+    def __init__(self, arguments: EffectArguments) -> None:
+        self._begun: list[list[tuple[float, float]]] = [[] for _ in arguments.site.machine.sliders]
+        super().__init__(arguments)
+
     def setup(self) -> None:
-        """From which payload on there are other gains, and what they do aside."""
-        super().setup()
-        self.switches_kg, self.aside = float(self.rng.uniform(*SWITCHES_KG)), float(self.rng.uniform(*ASIDE))
+        """The denominator, and the drive that leads."""
+        self.teeth = int(self.rng.integers(TEETH[0], TEETH[1] + 1))
         self.next = (self.place + 1) % len(self.site.machine.sliders)
 
-    def _unit(self, state: MotionState) -> Array:
-        alike = state.direction[:, self.place] * state.direction[:, self.next]
-        return np.where(state.payload_kg > self.switches_kg, np.maximum(alike, self.aside * alike), 0.0)
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Remember when each way began, and how long it was."""
+        self._begun[drive].append((leg.start_s, leg.to_m - leg.from_m))
+
+    def _left(self, way_m: Array, lead_m: Array) -> Array:
+        """What a ratio leaves of a way (n,), over the most when the way that leads is WAY_M."""
+        moves = np.abs(lead_m) > 0.0
+        teeth = np.rint(self.teeth * way_m / np.where(moves, lead_m, 1.0))
+        return np.where(moves, 2.0 * (teeth * lead_m - self.teeth * way_m) / WAY_M, 0.0)
+
+    def _left_before(self) -> Array:
+        """The sum of what is left before each recorded leg, and after the last."""
+        own, lead = (np.array(self._begun[drive]).reshape(-1, 2) for drive in (self.place, self.next))
+        if not len(own) or not len(lead):
+            return np.zeros(len(own) + 1)
+        at = np.clip(np.searchsorted(lead[:, 0], own[:, 0] - TOGETHER_S), 0, len(lead) - 1)
+        together = np.abs(lead[at, 0] - own[:, 0]) <= TOGETHER_S
+        left = self._left(own[:, 1], np.where(together, lead[at, 1], 0.0))
+        return np.concatenate([[0.0], np.cumsum(left)])
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
-        """Move the slider."""
-        deviation.travel_m[:, self.place] += self.signal(state)
+        """Leave the slider beside its target."""
+        a, b = self.place, self.next
+        way_m, lead_m = ((state.q_m - state.from_m)[:, drive] for drive in (a, b))
+        together = np.abs(state.leg_start_s[:, a] - state.leg_start_s[:, b]) <= TOGETHER_S
+        left = self._left_before()[state.leg[:, a]] + self._left(way_m, np.where(together, lead_m, 0.0))
+        deviation.travel_m[:, a] += self.size * apply_variant(left, self.variant, state.payload_kg)
 
 
 EFFECTS = (
     outside_effect(
-        "mirrored_floor",
+        "two_faces",
         "rig",
-        MirroredFloor,
-        EffectParameter("error_m", 1e-6, 2e-5, 2e-3, "of ranges, either way"),
-        "ranges, in waves of the height, all SMRs and nests alike",
+        TwoFaces,
+        EffectParameter("error_rad", 1e-6, 2e-5, 1e-3, "of the beam, to either side"),
+        "horizontal angles, to one side after each exchange of payload and to the other after the next, by height; all "
+        "SMRs and nests alike",
         final_only=True,
     ),
     outside_effect(
-        "catching_hook",
+        "aneroid_bellows",
         "rig",
-        CatchingHook,
-        EffectParameter("force_n", 5.0, 400.0, 3e4, "while it is caught, at the upper end"),
-        "former places of one drive, hardly that of now; rotation",
+        AneroidBellows,
+        EffectParameter("force_n", 5.0, 400.0, 3e4, "at 0.1 hPa from where it is slack"),
+        "pressure of the air, not the place; rotation",
         final_only=True,
     ),
     outside_effect(
-        "stay_cable",
+        "neighbours_cam",
         "strut",
-        StayCable,
-        EffectParameter("pull_m", 1e-6, 3e-5, 1e-3, "0.3 m beyond where the stay is taut"),
-        "how far both carriages are apart, nothing below a certain distance; not a slider's SMR",
+        NeighboursCam,
+        EffectParameter("lift_m", 1e-6, 3e-5, 1e-3, "either way"),
+        "the other drive's coordinate, in waves; not a slider's SMR",
         final_only=True,
     ),
     outside_effect(
-        "scheduled_gain",
+        "rounded_ratio",
         "drive",
-        ScheduledGain,
-        EffectParameter("stand_m", 1e-6, 3e-5, 1e-3, "either way"),
-        "payload and directions of both drives together, SMRs on the sliders",
+        RoundedRatio,
+        EffectParameter("left_m", 1e-6, 3e-5, 1e-3, "of one motion, at most, when the other drive's way is 0.5 m"),
+        "ratios of both drives' ways in all motions together, by what is left of them; SMRs on the sliders",
         final_only=True,
     ),
 )

@@ -27,6 +27,7 @@ SOAKS_S = 3600.0  # in which a block has drawn up the whole size
 BOLTS, LEFT_OVER, EXCHANGES = (0.3, 1.7), 4.0, 64  # left at an exchange, over the mean; exchanges that leave the size;
 # that are drawn
 EVERY, PALLET = (8, 20), 6  # of parts: motions of drives from one to the next; of them on a full pallet
+LANDS = (0.4, 0.65)  # height of the platform, from 0 to 1, above which a counterweight has landed
 CHIPS_S = 3600.0  # in which the whole size has gathered
 
 
@@ -68,6 +69,9 @@ class Payload(Effect):
     `stacked_parts`: after every so many motions of the drives a part is put onto a pallet on the platform, whatever the
     payload, and the full pallet is exchanged for an empty one: T. Ohno, "Toyota Production System" (1978). The size is
     the mass right before that.
+    `landed_counterweight`: a counterweight on a rope hangs beside the machine and lands on the floor as the platform
+    comes above one height, from where on it lifts nothing: J. Leupold, "Theatrum machinarum" (1724). The size is what
+    it lifts below, which is taken for granted.
     """
 
     def setup(self) -> None:
@@ -84,6 +88,7 @@ class Payload(Effect):
         self.bolts = np.concatenate([[0.0], np.cumsum(left)])
         own = self.rng.spawn(1)[0]
         self.every, self.stacked = int(own.integers(EVERY[0], EVERY[1] + 1)), int(own.integers(PALLET))
+        self.lands = float(own.uniform(*LANDS))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add mass, which the drives' torque shows, or move the centre, which it does not."""
@@ -103,7 +108,7 @@ class Payload(Effect):
             extra_kg = 2.0 * self.size * mounted * self._lifted(state)
         elif self.variant in ("gathering_chips", "coolant_pool", "waiting_parts"):
             extra_kg = self.size * self._lying(self.elapsed_s(state))
-        elif self.variant in ("forgotten_bolts", "stacked_parts"):
+        elif self.variant in ("forgotten_bolts", "stacked_parts", "landed_counterweight"):
             extra_kg = self.size * self._left_there(state)
         elif self.variant == "soaking_block":
             extra_kg = self.size * mounted * np.sqrt(self.elapsed_s(state) / SOAKS_S)
@@ -131,7 +136,9 @@ class Payload(Effect):
         return _pooled(np.array(self.pool)[k], k, t - self.pump_s[k])
 
     def _left_there(self, state: MotionState) -> Array:
-        """What exchanges or motions have left on the platform (n,), over the size."""
+        """What exchanges or motions have left on the platform, or a counterweight does (n,), over the size."""
+        if self.variant == "landed_counterweight":
+            return (self._lifted(state) > self.lands).astype(np.float64)
         if self.variant == "forgotten_bolts":
             return np.asarray(self.bolts[np.minimum(state.exchanges.astype(int), EXCHANGES)])
         return np.asarray((state.leg.sum(axis=1) // self.every + self.stacked) % PALLET / (PALLET - 1.0))
@@ -191,8 +198,9 @@ EFFECTS = (
             "waiting_parts",
             "forgotten_bolts",
             "stacked_parts",
+            "landed_counterweight",
         ),
-        final="stacked_parts",
+        final="landed_counterweight",
         reveals="payloads, torque; by variant time, exchanges, number of motions, dwell, height, direction",
         make=Payload,
     ),

@@ -18,6 +18,7 @@ FRESH, ROUGHENS_M = 0.1, 100.0  # runout of a new bearing over the size; way of 
 GEARED, PASSED_ON = (0.25, 0.6), 0.8  # turns of a shaft for one of the next screw; what it passes on, over one's own
 CONE = (0.08, 0.3)  # by how much longer than in the middle a turn of a conical drum is at the upper end
 BENDS = (-0.95, -0.4)  # of half the travel, from its middle: where a screw begins to be bent
+SQUARE = (-0.3, 0.3)  # of half the travel of the next drive, from its middle: where it racks no bearing
 TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
 
@@ -54,6 +55,9 @@ class PeriodicError(Effect):
     period is that in the middle of the travel.
     `bent_end`: a blow has bent the upper end of the screw, which is true up to one place and runs out from there on,
     ever more: S. Timoshenko, "Strength of Materials" (1930). The size is that at the upper end.
+    `racked_bearings`: the next carriage racks the frame by where it stands, and with it the bearings of this screw,
+    which runs out of true to one side or the other, but for where the frame is square: A. Föppl, "Das Problem der
+    Laval'schen Turbinenwelle" (1895). The size is that half the next drive's travel from there.
     """
 
     def setup(self) -> None:
@@ -66,6 +70,9 @@ class PeriodicError(Effect):
         self.cone = float(self.rng.uniform(*CONE))
         middle, half = self.site.drive_range_m(self.place)
         self.bends_m = middle + half * float(self.rng.uniform(*BENDS))
+        self.next = (self.place + 1) % len(self.site.machine.sliders)
+        middle, half = self.site.drive_range_m(self.next)
+        self.square_m = middle + half * float(self.rng.spawn(1)[0].uniform(*SQUARE))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the balls of this drive slip, or its bearing wear."""
@@ -109,7 +116,7 @@ class PeriodicError(Effect):
         elif self.variant == "universal_joint":
             ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
             y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
-        elif self.variant in ("bowed_screw", "modulated", "with_load", "growing_runout", "bent_end"):
+        elif self.variant in ("bowed_screw", "modulated", "with_load", "growing_runout", "bent_end", "racked_bearings"):
             y = y * self._large(state)
         elif self.variant == "triangle":
             y = 2.0 / np.pi * np.arcsin(y) * 1.2
@@ -121,6 +128,8 @@ class PeriodicError(Effect):
         if self.variant == "bowed_screw":
             low, high = self.site.machine.sliders[self.place].travel_m
             return np.asarray(np.cos(np.pi * (q - low) / (high - low)))
+        if self.variant == "racked_bearings":
+            return np.asarray((state.q_m[:, self.next] - self.square_m) / self.site.drive_range_m(self.next)[1])
         if self.variant == "bent_end":
             high = self.site.machine.sliders[self.place].travel_m[1]
             return np.asarray(np.maximum(q - self.bends_m, 0.0) / (high - self.bends_m))

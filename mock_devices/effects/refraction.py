@@ -32,6 +32,8 @@ PATCH_UP_M = 0.5  # height over the station's in which what rises from the patch
 HEAVES_S, HEAVES_M = (100.0, 300.0), 0.25  # of a layer that heaves: period, height either way
 TILTS, TILTS_S = 0.8, (150.0, 600.0)  # of a layer that swings: slope to either side; period
 ROLLS_M, WANDERS_S = (0.15, 0.3), (2500.0, 6000.0)  # of rolls of air: width of two; time to wander that far
+WARM_KG, ASIDE_RAD = 400.0, (-0.9, 0.9)  # of warm workpieces: mass for the size; how far aside of upright the air
+# over them is warmer
 PUFFS_S, PUFFS = 60.0, 200  # of warm air: mean time between two; how many are drawn
 PUFF_M, PUFF_FROM_M, PUFF_M_PER_S, PUFF_PASSES_S = 0.15, 0.35, 0.1, 20.0  # half width; farthest from the middle; speed;
 # time in which half of one passes
@@ -79,6 +81,9 @@ class Refraction(Effect):
     `tilting_layer`: the layer between cool air and warm swings across the hall like water in a trough, up on one side
     and down on the other by turns: J. R. Merian, "Ueber die Bewegung tropfbarer Flüssigkeiten in Gefässen" (1828). The
     gradient is that in the middle of the layer.
+    `warm_workpiece`: payloads come warm from the store, and the air that they warm beside the lines of sight bends
+    these up and aside, in proportion to their mass and not at all without: A. Toepler, "Beobachtungen nach einer neuen
+    optischen Methode" (1864). The gradient is that of WARM_KG.
     """
 
     def setup(self) -> None:
@@ -98,6 +103,7 @@ class Refraction(Effect):
         self.rolls_m, self.wanders_s = float(own.uniform(*ROLLS_M)), float(own.uniform(*WANDERS_S))
         self.rolls_at = float(own.uniform(0.0, 2.0 * np.pi))
         self.tilts_s, self.tilts_at = float(own.uniform(*TILTS_S)), float(own.uniform(0.0, 2.0 * np.pi))
+        self.aside_rad = float(own.uniform(*ASIDE_RAD))
         self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -125,17 +131,22 @@ class Refraction(Effect):
         elif self.variant in ("warm_puffs", "convection_cells"):
             aside = self._puffed if self.variant == "warm_puffs" else self._rolled
             sight.hz_rad += bend * aside(state, sight)
+        elif self.variant == "warm_workpiece":
+            bend = bend * state.payload_kg[:, None] / WARM_KG
+            sight.hz_rad -= bend * math.sin(self.aside_rad)
+            sight.v_rad += bend * math.cos(self.aside_rad) * np.sin(sight.v_rad)
         elif self.variant == "sun_patch":
             sight.v_rad -= bend * self._over_patch(state, sight) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
             sight.v_rad += bend * (1.0 + 1.5 * height)
         elif self.variant == "warming":
             sight.v_rad += bend * (1.0 - np.exp(-self.elapsed_s(state) / 2400.0))[:, None]
-        elif self.variant == "cold_walls":
-            colder_k = -lag_behind(state, AIR, self.site.start_s, self.walls_s)
+        elif self.variant in ("cold_walls", "sideways"):  # warmer on one side of the room
+            walls = self.variant == "cold_walls"
+            colder_k = (
+                -lag_behind(state, AIR, self.site.start_s, self.walls_s) if walls else np.full(len(state), WALLS_K)
+            )
             sight.hz_rad -= bend * colder_k[:, None] / WALLS_K
-        elif self.variant == "sideways":  # warmer on one side of the room
-            sight.hz_rad -= bend
         elif self.variant == "plume":  # warm air rises in front of the right column
             across = sight.points_m[..., 0]
             sight.hz_rad -= 1.5 * bend * np.exp(-(((across - 0.6) / 0.5) ** 2)) * (1.0 + height)

@@ -33,6 +33,8 @@ SPOTS = 4096  # in a seat, until chance repeats itself
 GREASE_S = (4.0, 15.0)  # time constant with which a reflector sags in its grease
 THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
 CLICKS_K = (0.02, 0.1)  # of a disc: how far above and below the temperature of the onset it clicks to either side
+LETS_GO_S, LEAKS, SLIDES_SHARE = (300.0, 1500.0), 0.5, 0.3  # of a cup: when it lets go after the onset; time constant
+# of its vacuum over that; what it slides before, over the size, were all vacuum gone
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
 
@@ -68,6 +70,8 @@ class Reseat(Effect):
     `clicking_disc`: put back on a disc of two metals, it is moved at once as that clicks to one side above one
     temperature of the air, and to the other side below another one: W. H. Wittrick, "Stability of a Bimetallic Disk"
     (1953). Both lie near the temperature of the onset, where it lies flat. The size is how far it goes to either side.
+    `leaking_cup`: put back on a cup that holds by its vacuum, it slides as that leaks, ever more slowly, and falls all
+    the way at once when it holds no more: O. von Guericke, "Experimenta nova Magdeburgica de vacuo spatio" (1672).
     """
 
     def setup(self) -> None:
@@ -97,6 +101,7 @@ class Reseat(Effect):
         self.home_m = float(self.rng.uniform(*HOME_M))
         own = self.rng.spawn(1)[0]
         self.clicks_k, self.back_k = float(own.uniform(*CLICKS_K)), -float(own.uniform(*CLICKS_K))
+        self.lets_go_s = float(own.uniform(*LETS_GO_S))
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -124,6 +129,12 @@ class Reseat(Effect):
         air_c = state.thermal.air_series_c(grid)
         at = np.searchsorted(grid, state.t_s, side="right") - 1
         return np.asarray(thrown(air_c - air_c[0], self.clicks_k, self.back_k)[np.maximum(at, 0)])
+
+    def _let_go(self, state: MotionState) -> Array:
+        """How far a cup has slid or fallen since the onset (n,), over how far it falls."""
+        t = np.maximum(state.t_s - self.site.start_s - self.values["onset_s"], 0.0)
+        slides = -SLIDES_SHARE * np.expm1(-t / (LEAKS * self.lets_go_s))
+        return np.where(t >= self.lets_go_s, 1.0, slides)
 
     def _each_time(self, state: MotionState, after: NDArray[np.bool_]) -> Array:
         """Where it lies (n, 2) over the size, if anywhere else after each exchange of payload or after each motion."""
@@ -166,8 +177,13 @@ class Reseat(Effect):
             y = np.outer(grown_k / NEST_K, self.shifts[0])
         elif self.variant == "thrown_ball":
             y = np.outer(0.5 * self._thrown.at(state, 0), self.shifts[0])
-        elif self.variant in ("ringing_stem", "sagging_grease", "clicking_disc"):
-            moved = {"ringing_stem": self._swung, "sagging_grease": self._sagged, "clicking_disc": self._clicked}
+        elif self.variant in ("ringing_stem", "sagging_grease", "clicking_disc", "leaking_cup"):
+            moved = {
+                "ringing_stem": self._swung,
+                "sagging_grease": self._sagged,
+                "clicking_disc": self._clicked,
+                "leaking_cup": self._let_go,
+            }
             y = np.outer(after * moved[self.variant](state), self.shifts[0])
         elif self.variant == "put_back":
             y = np.where((after & (t < 1500.0))[:, None], self.shifts[0], 0.0)
@@ -201,8 +217,9 @@ EFFECTS = (
             "rattling",
             "creeps_home",
             "clicking_disc",
+            "leaking_cup",
         ),
-        final="clicking_disc",
+        final="leaking_cup",
         reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(ONSET,),

@@ -14,7 +14,7 @@ from mock_devices.effects.base import (
     Site,
     StatefulEffect,
 )
-from mock_devices.effects.leg_memory import LegMemory, ways_m
+from mock_devices.effects.leg_memory import LegMemory, Reversals, ways_m
 from mock_devices.effects.warming import conducted
 
 FULL_PAYLOAD_KG = 400.0
@@ -29,7 +29,9 @@ SHAKES_M_PER_S = 0.2  # of the other drive, from which it shakes a slider all th
 TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
 BALANCED_KG, NEARLY_KG = (0.0, 400.0), 180.0  # payload that is balanced; how far off there is little play
 SWELLS_S, SWOLLEN = (2000.0, 6000.0), 0.9  # of a nut: slowest time constant; share of play closed in the end
+KEYED, FRETS = 0.1, (40.0, 150.0)  # of a key: first play over the last; reversals that leave 1 / e of the rest
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
+OPENED = ("wearing", "breaking_balls", "eccentric_wheel", "counterpoised", "swollen_nut", "fretted_key")
 
 TAU = EffectParameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
 
@@ -87,6 +89,8 @@ class Backlash(Play):
     the play with the payload that is balanced.
     `swollen_nut`: a nut of plastic takes up oil from the campaign's begin on and swells, which closes its play, at
     first with the root of time: A. Fick, "Ueber Diffusion" (1855). The size is the play of the dry nut.
+    `fretted_key`: the key between motor and screw rocks in its groove with every reversal and frets that wider, by less
+    and less: R. B. Waterhouse, "Fretting Corrosion" (1972). Ways wear nothing. The size is the play in the end.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -99,6 +103,8 @@ class Backlash(Play):
             self._nut.record(leg)
         if self.variant in ("wearing", "breaking_balls") and drive == self.place:
             self._worn.record(leg)
+        if self.variant == "fretted_key" and drive == self.place:
+            self._reversed.record(leg)
         if self.variant == "nested_plays":
             states = self._nested[drive]
             moved = states[-1] - (leg.to_m - leg.from_m)
@@ -140,14 +146,18 @@ class Backlash(Play):
         self.wheel_m = float(self.rng.spawn(1)[0].uniform(*WHEEL_M))
         self.balanced_kg = float(self.rng.spawn(1)[0].uniform(*BALANCED_KG))
         self.swells_s = float(self.rng.spawn(1)[0].uniform(*SWELLS_S))
+        self.frets = float(self.rng.spawn(1)[0].uniform(*FRETS))
+        self._reversed = Reversals()
         self.breaks_m = np.sort(LIFE_M * self.rng.weibull(LIVES, BALLS))
 
     def _opened(self, state: MotionState) -> Array:
-        """How wide wear, broken balls, a wheel, balance or oil have made the play (n,), over the size."""
+        """How wide wear, broken balls, a wheel, balance, oil or fretting have made the play (n,), over the size."""
         if self.variant == "counterpoised":
             return np.asarray(np.exp(-(((state.payload_kg - self.balanced_kg) / NEARLY_KG) ** 2)))
         if self.variant == "swollen_nut":
             return np.asarray(1.0 - SWOLLEN * conducted(self.elapsed_s(state), self.swells_s))
+        if self.variant == "fretted_key":
+            return np.asarray(1.0 - (1.0 - KEYED) * np.exp(-self._reversed.at(state, self.place) / self.frets))
         if self.variant == "eccentric_wheel":
             turn = 2.0 * np.pi * state.q_m[:, self.place] / self.wheel_m
             return np.asarray(0.5 + 0.5 * np.cos(turn + self.phase))
@@ -181,7 +191,7 @@ class Backlash(Play):
         elif self.variant == "warm_nut":
             warm = self._nut.at(state, a)[:, 0] / (NUT_S * NUT_M_PER_S)
             offset = offset * (1.0 - NUT_CLOSES * (1.0 - np.exp(-warm)))
-        elif self.variant in ("wearing", "breaking_balls", "eccentric_wheel", "counterpoised", "swollen_nut"):
+        elif self.variant in OPENED:
             offset = offset * self._opened(state)
         elif self.variant == "shaken_down":
             offset = offset - self._shaken(state) * (offset + 0.5 * self.size)
@@ -229,10 +239,11 @@ EFFECTS = (
             "eccentric_wheel",
             "counterpoised",
             "swollen_nut",
+            "fretted_key",
         ),
-        final="swollen_nut",
+        final="fretted_key",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
-        "drive, time, temperature, earlier motions",
+        "drive, time, temperature, earlier motions and reversals",
         make=Backlash,
         others=(TAU,),
     ),

@@ -23,6 +23,7 @@ HOLD_FANS, HOLD_FIN_M = 4.0, 0.8  # how much faster a moving motor cools than on
 STRETCH_M, STRETCH_FIN_M = 0.15, 0.4  # of a starved stretch: its length; see MOTOR_FIN_M
 THINS, OIL_M_PER_S = 1.5, 0.25  # of oil: how much thinner it is by the size, as a logarithm; speed for the size
 BUBBLES_M_PER_S = (0.15, 0.3)  # speed from which oil bubbles
+SHORT_M, SHORT_M_PER_S = (0.1, 0.25), 0.002  # ways shorter than which run dry; mean speed of such ways for the size
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
@@ -72,6 +73,9 @@ class ScrewGrowth(StatefulEffect):
     the way; slower motions leave it cold: Lord Rayleigh, "On the Pressure Developed in a Liquid During the Collapse of
     a Spherical Cavity" (1917). The screw is held above and grows downwards. The size is where it ends at DUTY_M_PER_S
     of such motions on average.
+    `short_strokes`: ways shorter than what a ball needs to come to fresh grease run dryly and heat the screw, and
+    longer ones do not: P. M. Lugt, "Grease Lubrication in Rolling Bearings" (2013). The size is where it ends at
+    SHORT_M_PER_S of such ways on average.
     """
 
     def setup(self) -> None:
@@ -96,6 +100,11 @@ class ScrewGrowth(StatefulEffect):
         self._bubbles = LegMemory(
             lambda way, speed, _: per_m * np.abs(way) * (speed > self.bubbles_m_per_s), self.values["tau_s"]
         )
+        self.short_m = float(self.rng.spawn(1)[0].uniform(*SHORT_M))
+        per_short_m = 1.0 / (SHORT_M_PER_S * self.values["tau_s"])
+        self._short = LegMemory(
+            lambda way, _speed, _: per_short_m * np.abs(way) * (np.abs(way) < self.short_m), self.values["tau_s"]
+        )
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -108,6 +117,8 @@ class ScrewGrowth(StatefulEffect):
             self._starts.record(leg)
         if self.variant == "neighbours_motor" and drive == self.next:
             self._beside.record(leg)
+        if self.variant == "short_strokes" and drive == self.place:
+            self._short.record(leg)
         if self.variant == "bubbling_oil" and drive == self.place:
             self._bubbles.record(leg)
         if self.variant == "chilled" and drive == self.place:
@@ -184,7 +195,7 @@ class ScrewGrowth(StatefulEffect):
             warm_m = fin_m * (np.exp((state.q_m[:, a] - high) / fin_m) - math.exp((low - high) / fin_m))
             deviation.travel_m[:, a] += alpha * self.size * by_motor[:, 0] * warm_m
             return
-        if self.variant in ("holding", "starved_stretch", "bubbling_oil"):
+        if self.variant in ("holding", "starved_stretch", "bubbling_oil", "short_strokes"):
             deviation.travel_m[:, a] += alpha * self.size * self._from_source_m(state)
             return
         if self.variant == "nut_then_screw":
@@ -221,6 +232,8 @@ class ScrewGrowth(StatefulEffect):
         if self.variant == "holding":
             held = self._held.at(state, self.place)
             return np.asarray(held * HOLD_FIN_M * (1.0 - np.exp(-(q_m - low) / HOLD_FIN_M)))
+        if self.variant == "short_strokes":
+            return np.asarray(self._short.at(state, self.place)[:, 0] * (q_m - low))
         if self.variant == "bubbling_oil":
             return np.asarray(self._bubbles.at(state, self.place)[:, 0] * (q_m - high))
         evenly_m = STRETCH_M / (high - low) * DUTY_M_PER_S * self.values["tau_s"]

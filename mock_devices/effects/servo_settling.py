@@ -17,6 +17,8 @@ LEARNS = 150.0  # motions in which a controller has learnt all but 1 / e
 TWICE_SWINGS, TWICE_CALMS = 8.0, 0.15  # of a load that start and stop make swing: rate and decay, over tau_s
 BRAKED, QUICKER, SLOWER = 0.35, 0.5, 4.0  # of a magnet beside the guide: half its stretch over half the travel; time
 # constant within it and elsewhere, over tau_s
+PULLEY_M, ROPE_SWINGS, ROPE_CALMS = (0.1, 0.5), 2.5, 0.3  # of a weight on a rope: how far above the travel its pulley
+# is; rate in the middle of the travel and decay, over tau_s
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -56,6 +58,8 @@ class ServoSettling(Effect):
     `eddy_brake`: within one stretch of its travel the slider runs past a magnet, whose eddy currents damp what is left
     of its motion quickly; elsewhere it dies out slowly: E. Lenz, "Über die Bestimmung der Richtung der durch
     elektrodynamische Vertheilung erregten galvanischen Ströme" (1834).
+    `pendulum_rope`: a weight hangs from a pulley above the travel on a rope that its drive pays out, and swings after
+    each stop, with the root of the rope's length the more slowly: C. Huygens, "Horologium oscillatorium" (1673).
     """
 
     def setup(self) -> None:
@@ -65,6 +69,7 @@ class ServoSettling(Effect):
         self.looks = float(self.rng.uniform(0.0, 1.0))
         middle, half = self.site.drive_range_m(self.place)
         self.braked_m = middle + half * float(self.rng.uniform(-0.4, 0.4))
+        self.pulley_m = float(self.rng.spawn(1)[0].uniform(*PULLEY_M))
         self._learnt = LegMemory(motions)
         self._wound = LegMemory(_winds, UNWINDS * tau)
 
@@ -104,6 +109,19 @@ class ServoSettling(Effect):
         )
         return np.asarray(now - then)
 
+    def _left(self, state: MotionState, t: Array) -> Array:
+        """What is left some time over tau_s after a motion (n,), by how long that lasted, looks of a loop or a rope."""
+        a = self.place
+        if self.variant == "sampled_loop":
+            return np.asarray(0.5 ** self._looked(state))
+        if self.variant == "pendulum_rope":
+            slider, half = self.site.machine.sliders[a], self.site.drive_range_m(a)[1]
+            rope_m = np.maximum(slider.travel_m[1] + self.pulley_m - state.q_m[:, a], 0.5 * self.pulley_m)
+            slower = np.sqrt(rope_m / (half + self.pulley_m))
+            return np.asarray(np.exp(-ROPE_CALMS * t) * np.cos(ROPE_SWINGS * t / slower))
+        moved = np.maximum(state.leg_end_s[:, a] - state.leg_start_s[:, a], 0.0) / self.values["tau_s"]
+        return np.asarray(0.5 * (_swing(t) - _swing(t + moved)))
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
         a, tau = self.place, self.values["tau_s"]
@@ -112,10 +130,8 @@ class ServoSettling(Effect):
             return
         t = state.since_s[:, a] / tau
         share = np.exp(-t / self._slower(state))
-        if self.variant in ("half_swings", "sampled_loop"):
-            moved = np.maximum(state.leg_end_s[:, a] - state.leg_start_s[:, a], 0.0) / tau
-            swings = self.variant == "half_swings"
-            share = 0.5 * (_swing(t) - _swing(t + moved)) if swings else 0.5 ** self._looked(state)
+        if self.variant in ("half_swings", "sampled_loop", "pendulum_rope"):
+            share = self._left(state, t)
         if self.variant == "integrator_reset":
             own_kg = self.site.machine.moving_mass_kg
             weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
@@ -189,8 +205,9 @@ EFFECTS = (
             "half_swings",
             "sampled_loop",
             "eddy_brake",
+            "pendulum_rope",
         ),
-        final="eddy_brake",
+        final="pendulum_rope",
         reveals="varied dwell and speed, by variant length of the motion, drive coordinate, payload or earlier "
         "motions, SMRs on the sliders",
         make=ServoSettling,

@@ -36,10 +36,12 @@ SOFT_AT_K, SOFTENS_K = (-0.5, 2.0), 3.0  # where an adhesive turns soft, above t
 SEATS_M_PER_S = 0.12  # speed of a stop upwards that seats a taper but for 1 / e
 LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
 CLOSES_KG, CLOSED = (60.0, 300.0), (0.02, 0.15)  # payload from which a spring lies coil on coil; how soft that still is
+CRACK, STRAINS_M_PER_S, BREAKS = (0.02, 0.1), 0.5, (20.0, 80.0)  # of a crack: its share of the end at first; speed of a
+# stop that counts one; stops after which it has gone through
 SNAPS = (0.1, 0.4)  # of half the travel, either way from its middle: where a truss snaps
 SOFT_ENDS = (
     "creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber", "needles_in_turn", "snapped_truss",
-    "closed_spring",
+    "closed_spring", "opening_crack",
 )  # fmt: skip
 FULL_PAYLOAD_KG = 400.0
 GONE = 600.0  # logarithm of a ratio at which nothing of a strut is left
@@ -82,6 +84,9 @@ class LinkStiffness(Effect):
     is the ratio of stiffness when it has snapped; else it is as stiff as the others.
     `closed_spring`: a spring in its end lies coil on coil beyond one payload and gives way little from there on: A. M.
     Wahl, "Mechanical Springs" (1944). exp(-size) is the ratio of stiffness while it is open.
+    `opening_crack`: every stop of its drive lets a crack in its end grow in proportion to its length and to the square
+    of the speed, and so ever more: P. C. Paris, F. Erdogan, "A Critical Analysis of Crack Propagation Laws" (1963).
+    exp(-size) is the ratio of stiffness once it has gone through.
     """
 
     def setup(self) -> None:
@@ -99,11 +104,15 @@ class LinkStiffness(Effect):
         self.snaps_m = (middle - half * down, middle + half * up)
         self._truss = Flipped(*self.snaps_m)
         self.closes_kg, self.closed = float(self.rng.uniform(*CLOSES_KG)), float(self.rng.uniform(*CLOSED))
+        self.crack, self.breaks = float(self.rng.uniform(*CRACK)), float(self.rng.uniform(*BREAKS))
+        self._strained = LegMemory(lambda way, speed, _: (speed / STRAINS_M_PER_S) ** 2 * (way != 0.0))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Count the motions of the strut's own drive, or let them snap its truss."""
         if self.variant == "loosening" and drive == self.site.machine.struts[self.place].drive:
             self._swings.record(leg)
+        if self.variant == "opening_crack" and drive == self.site.machine.struts[self.place].drive:
+            self._strained.record(leg)
         if self.variant == "snapped_truss" and drive == self.site.machine.struts[self.place].drive:
             self._truss.record(leg)
 
@@ -153,11 +162,17 @@ class LinkStiffness(Effect):
         if self.variant == "warm_adhesive":
             beyond = (above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
             return np.asarray(0.5 * (1.0 + np.tanh(beyond)))
-        return self._seated(state, drive) if self.variant == "seated_taper" else self._open(state)
+        by_legs = {"seated_taper": self._seated, "opening_crack": self._cracked}
+        return by_legs[self.variant](state, drive) if self.variant in by_legs else self._open(state)
 
     def _open(self, state: MotionState) -> Array:
         """How soft a spring is (n,) while it is open, or coil on coil."""
         return np.where(state.payload_kg > self.closes_kg, self.closed, 1.0)
+
+    def _cracked(self, state: MotionState, drive: int) -> Array:
+        """How soft an end is (n,) by the crack that all stops of its drive have opened."""
+        left = np.maximum(1.0 - self._strained.at(state, drive)[:, 0] / self.breaks, 0.0)
+        return np.asarray(self.crack**left)
 
     def _seated(self, state: MotionState, drive: int) -> Array:
         """How soft a taper is (n,) after the last stop of its drive."""
@@ -193,10 +208,11 @@ EFFECTS = (
             "opening_joint",
             "clamped_at_rest",
             "balls_in_turn",
+            "shared_pressure",
         ),
-        final="balls_in_turn",
+        final="shared_pressure",
         reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, many drive positions off "
-        "a grid, the other drive's coordinate",
+        "a grid, the other drive's coordinate, speed and dwell",
         make=ColumnCompliance,
     ),
     EffectSpec(
@@ -222,8 +238,9 @@ EFFECTS = (
             "needles_in_turn",
             "snapped_truss",
             "closed_spring",
+            "opening_crack",
         ),
-        final="closed_spring",
+        final="opening_crack",
         reveals="payload, pose; by variant dwell, direction, speed, number and places of motions, temperature",
         make=LinkStiffness,
     ),
@@ -250,10 +267,11 @@ EFFECTS = (
             "turning_bush",
             "ratcheted_bush",
             "carried_by_film",
+            "fitted_anew",
         ),
-        final="carried_by_film",
+        final="fitted_anew",
         reveals="poses where the strut's force changes its sign, payload; by variant dwell, speed, direction, way, "
-        "temperature",
+        "temperature, exchanges of payload",
         make=JointClearance,
     ),
 )

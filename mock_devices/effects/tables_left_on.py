@@ -24,6 +24,7 @@ FULL_PAYLOAD_KG = 400.0
 TABLES_K = 2.0
 RAMPS_S = (5.0, 15.0)  # time constant with which a correction is added
 COARSE = (0.4, 0.9)  # step of rounded entries over the largest one
+HOLDS = (0.45, 0.8)  # largest entry that is stored as it is, over the largest one
 FED_M_PER_S = 0.5  # speed at which a whole correction is fed forward
 MOVED_M = (0.08, 0.2)  # how far a zero was moved after the tables were taken
 
@@ -62,6 +63,8 @@ class TablesLeftOn(Effect):
     `feed_forward`: a control that feeds forward what it expects adds each drive's corrections in proportion to the
     speed with which that came, and keeps them at rest: M. Tomizuka, "Zero Phase Error Tracking Algorithm for Digital
     Control" (1987). The size is that at FED_M_PER_S.
+    `overflowing_entries`: the control stores entries in fewer bits than some of them need, which run over and come out
+    at the other end of the range, with the other sign: D. E. Knuth, "The Art of Computer Programming", vol. 2 (1969).
     """
 
     def setup(self) -> None:
@@ -78,6 +81,9 @@ class TablesLeftOn(Effect):
         self.coarse = float(self.rng.uniform(*COARSE))
         if self.variant == "rounded_entries":
             self.active = self._rounded(self.active)
+        self.holds = float(self.rng.spawn(1)[0].uniform(*HOLDS))
+        if self.variant == "overflowing_entries":
+            self.active = self._overflowed(self.active)
         self._added = [PlaceMemory(self._along_own(a), self.ramps_s) for a in range(drives)]
 
     def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
@@ -85,12 +91,24 @@ class TablesLeftOn(Effect):
 
     def _rounded(self, tables: dict[str, KnownTable]) -> dict[str, KnownTable]:
         """Tables whose entries are whole steps."""
-        most_m = max(float(np.abs(np.array(table.corrections_m)).max()) for table in tables.values())
-        step_m = max(self.coarse * most_m, 1.0e-12)
+        step_m = self.coarse * _most_m(tables)
         return {
             name: replace(
                 table,
                 corrections_m=tuple(tuple(step_m * round(x / step_m) for x in row) for row in table.corrections_m),
+            )
+            for name, table in tables.items()
+        }
+
+    def _overflowed(self, tables: dict[str, KnownTable]) -> dict[str, KnownTable]:
+        """Tables whose entries have run over from one end of the range to the other."""
+        end_m = self.holds * _most_m(tables)
+        return {
+            name: replace(
+                table,
+                corrections_m=tuple(
+                    tuple((x + end_m) % (2.0 * end_m) - end_m for x in row) for row in table.corrections_m
+                ),
             )
             for name, table in tables.items()
         }
@@ -159,6 +177,11 @@ class TablesLeftOn(Effect):
         return table.correction_m(own, partner)
 
 
+def _most_m(tables: dict[str, KnownTable]) -> float:
+    """The largest entry of all tables of a generation, or next to nothing."""
+    return max(1.0e-12, *(float(np.abs(np.array(table.corrections_m)).max()) for table in tables.values()))
+
+
 def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
     """The node at or below each position (n,), the first one below all of them; positions without nodes stay."""
     if not nodes_m:
@@ -189,8 +212,9 @@ EFFECTS = (
             "swapped_drives",
             "rounded_entries",
             "feed_forward",
+            "overflowing_entries",
         ),
-        final="feed_forward",
+        final="overflowing_entries",
         reveals="both drives' coordinates, known tables, by variant dwell, speed, payload, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),

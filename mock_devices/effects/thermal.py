@@ -19,7 +19,7 @@ from mock_devices.effects.flows import PumpedCoolant
 from mock_devices.effects.followers import Fanned, PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory, PassMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S, ScrewGrowth
-from mock_devices.effects.warming import Warming
+from mock_devices.effects.warming import ByTurns, Warming
 
 JOINT = 0.2  # time constant of a strut's joint over that of the whole part
 JOINT_M_PER_S = 0.5
@@ -31,6 +31,7 @@ CRITICAL_M_PER_S, TURBULENT = (0.15, 0.35), 4.0  # of coolant: speed of the driv
 MAGNET_M = 0.15  # of the way past a magnet
 SHADES = 0.3  # of half the travel of the next drive, either way from its middle: from where on it shades a lamp
 PENUMBRA_M = 0.15  # of that: way from no shade to the whole of it
+CLOUDS_S, CLOUDS = 400.0, 256  # mean time for which the sun shines or not; how many of these are drawn
 STOP_M_PER_S, STOP_S = 0.5, 60.0  # of stops that warm a damping layer to the size: from which speed, how often
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -68,6 +69,9 @@ class LinkGrowth(Warming):
     `neighbours_shade`: a lamp warms it evenly, but the next carriage, while it stands above a certain place, is in the
     way of the light, and the strut cools in its shade, less so in the penumbra: P. Bouguer, "Essai d'optique sur
     la gradation de la lumière" (1729). `rise_k` is where it ends if it is never shaded, which it nears with tau_s.
+    `drifting_clouds`: the sun shines on it between clouds, which come and go at random moments, and in their shade it
+    cools: A. Ångström, "Solar and Terrestrial Radiation" (1924). It begins to shine with the campaign. `rise_k` is
+    where it ends if it shines on, which it nears with tau_s.
     """
 
     def setup(self) -> None:
@@ -97,6 +101,8 @@ class LinkGrowth(Warming):
         middle, half = self.site.drive_range_m(self.next)
         self.shades_m = middle + half * float(self.rng.spawn(1)[0].uniform(-SHADES, SHADES))
         self._lit = PlaceMemory(lambda q_m: np.clip(0.5 - (q_m - self.shades_m) / PENUMBRA_M, 0.0, 1.0), tau)
+        self.clouds_s = np.cumsum(self.rng.spawn(1)[0].exponential(CLOUDS_S, CLOUDS))
+        self._sunned = ByTurns(self.clouds_s, tau)
 
     def takes(self, speed: Array) -> Array:
         """Heat that coolant takes away (n,) over that in laminar flow."""
@@ -132,6 +138,8 @@ class LinkGrowth(Warming):
 
     def rise_k(self, state: MotionState) -> Array:
         """The temperature above the sensor (n,)."""
+        if self.variant == "drifting_clouds":
+            return self.size * self._sunned.at(self.elapsed_s(state))
         if self.variant == "neighbours_shade":
             return self.size * self._lit.at(state, self.next)
         followers: dict[str, PlaceMemory | Fanned | PumpedCoolant | PassMemory] = {
@@ -194,9 +202,10 @@ EFFECTS = (
             "turbulent_coolant",
             "eddy_magnet",
             "neighbours_shade",
+            "drifting_clouds",
         ),
-        "neighbours_shade",
-        "time, a temperature swing; by variant travel, speed, stops and place, also of the other drive",
+        "drifting_clouds",
+        "time, also by chance, a temperature swing; by variant travel, speed, stops and place, also of the other drive",
         LinkGrowth,
     ),
     _spec(
@@ -219,8 +228,9 @@ EFFECTS = (
             "draughty_hatch",
             "braking_resistor",
             "cycled_heater",
+            "ceiling_layer",
         ),
-        "cycled_heater",
+        "ceiling_layer",
         "time, place, direction or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
@@ -243,10 +253,11 @@ EFFECTS = (
             "thinning_oil",
             "neighbours_motor",
             "bubbling_oil",
+            "short_strokes",
         ),
-        "bubbling_oil",
-        "time and distance moved, also by the other drive, by variant direction, speed and dwell, drive coordinate, "
-        "SMRs on the sliders",
+        "short_strokes",
+        "time and distance moved, also by the other drive, by variant direction, speed, dwell and length of ways, "
+        "drive coordinate, SMRs on the sliders",
         ScrewGrowth,
     ),
 )

@@ -94,6 +94,25 @@ def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> A
     return np.asarray(np.interp(state.t_s, grid, follow - sensed))
 
 
+class ByTurns:
+    """Nears one and zero by turns with a time constant, each from the next of some moments on; first one, from zero."""
+
+    def __init__(self, changes_s: Array, tau_s: float) -> None:
+        self._begins_s, self._tau_s = np.concatenate([[0.0], changes_s]), tau_s
+        self._before = [0.0]
+        for k, lasts_s in enumerate(np.diff(self._begins_s).tolist()):
+            aim = (k + 1) % 2
+            self._before.append(aim + (self._before[-1] - aim) * math.exp(-lasts_s / tau_s))
+
+    def at(self, elapsed_s: Array) -> Array:
+        """Where it is after some times (n,)."""
+        k = np.searchsorted(self._begins_s, elapsed_s, side="right") - 1
+        aim = (k + 1) % 2
+        return np.asarray(
+            aim + (np.array(self._before)[k] - aim) * np.exp(-(elapsed_s - self._begins_s[k]) / self._tau_s)
+        )
+
+
 class Warming(Effect):
     """The temperature above the sensor, by variant."""
 

@@ -23,7 +23,7 @@ AXIS = (1.0, 3.0)  # of a station that is turned over: tilt of its axis over tha
 BELLOWS_AT, SLACK_HPA, PULL_HPA = 0.1 - 0.2j, (-0.05, 0.05), 0.1  # of a bellows: point of the platform; change of
 # pressure at which it is slack; how much beyond that for the size
 CAM_M = (0.12, 0.3)  # travel of the next drive in one turn of a cam
-TEETH, WAY_M, TOGETHER_S = (3, 9), 0.5, 1.0e-3  # of an electronic gear: denominator of its ratios; way of the next
+TEETH, WAY_M, TOGETHER_S = (3, 12), 0.5, 1.0e-3  # of an electronic gear: denominator of its ratios; way of the next
 # drive for the size; motions that begin within it are geared
 
 
@@ -124,17 +124,29 @@ class RoundedRatio(Effect):
         own, lead = (np.array(self._begun[drive]).reshape(-1, 2) for drive in (self.place, self.next))
         if not len(own) or not len(lead):
             return np.zeros(len(own) + 1)
-        at = np.clip(np.searchsorted(lead[:, 0], own[:, 0] - TOGETHER_S), 0, len(lead) - 1)
+        at = np.maximum(np.searchsorted(lead[:, 0], own[:, 0] + TOGETHER_S, side="right") - 1, 0)
         together = np.abs(lead[at, 0] - own[:, 0]) <= TOGETHER_S
         left = self._left(own[:, 1], np.where(together, lead[at, 1], 0.0))
         return np.concatenate([[0.0], np.cumsum(left)])
+
+    def _left_since(self, state: MotionState, lead_m: Array) -> Array:
+        """What the last way of the drive that leads has left (n,) if this one has moved alone since then."""
+        begun = self._begun[self.place]
+        if not begun:
+            return np.zeros(len(state))
+        own, begins_s = np.array(begun), state.leg_start_s[:, self.next]
+        at = np.maximum(np.searchsorted(own[:, 0], begins_s + TOGETHER_S, side="right") - 1, 0)
+        still = (state.leg[:, self.next] == len(self._begun[self.next])) & (at < state.leg[:, self.place])
+        together = np.abs(own[at, 0] - begins_s) <= TOGETHER_S
+        return self._left(own[at, 1], np.where(still & together, lead_m, 0.0))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Leave the slider beside its target."""
         a, b = self.place, self.next
         way_m, lead_m = ((state.q_m - state.from_m)[:, drive] for drive in (a, b))
         together = np.abs(state.leg_start_s[:, a] - state.leg_start_s[:, b]) <= TOGETHER_S
-        left = self._left_before()[state.leg[:, a]] + self._left(way_m, np.where(together, lead_m, 0.0))
+        left = self._left_before()[state.leg[:, a]] + self._left_since(state, lead_m)
+        left = left + self._left(way_m, np.where(together, lead_m, 0.0))
         deviation.travel_m[:, a] += self.size * apply_variant(left, self.variant, state.payload_kg)
 
 

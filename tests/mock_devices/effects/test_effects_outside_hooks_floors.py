@@ -1,4 +1,4 @@
-"""A floor that mirrors, a hook, a stay and switched gains: what their descriptions say, at points worked out by hand."""
+"""A floor that mirrors, a hook, a stay, switched gains: what their descriptions say, at points worked out by hand."""
 
 from __future__ import annotations
 

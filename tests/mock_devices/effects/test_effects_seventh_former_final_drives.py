@@ -1,4 +1,4 @@
-"""Seventh former final forms of drives, guides and controls against their publications, at points worked out by hand."""
+"""Seventh former final forms of drives, guides and controls against publications, at points worked out by hand."""
 
 from __future__ import annotations
 

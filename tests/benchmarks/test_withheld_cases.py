@@ -152,9 +152,10 @@ def test_the_period_that_is_asked_for_is_that_of_the_error_itself(name, variant)
     drawn, stated_m = designs().one("rich", np.random.default_rng(2)), 1e-3 if name == "encoder_interpolation" else 1e-2
     choice = EffectChoice(name, 1e-6, "left", variant, ((PERIODIC[name], stated_m),))
     one = Alone(name, 1e-6, place="left", variant=variant, **{PERIODIC[name]: stated_m})
+    one.move(0, 0.5)  # some only err once their drive has moved some way
     q = np.full((4096, 2), 1.1)
     q[:, 0] = 0.5 + 64.0 * stated_m * np.arange(4096) / 4096.0
-    waves = np.abs(np.fft.rfft(one.deviation(t_s=np.zeros(4096), q=q).travel_m[:, 0]))[1:]
+    waves = np.abs(np.fft.rfft(one.deviation(t_s=np.full(4096, one.t_s), q=q).travel_m[:, 0]))[1:]
     strongest_m = 64.0 * stated_m / (1 + np.flatnonzero(waves > 0.95 * waves.max())[0])
     assert fact(choice, drawn, raw=3.0, visible=3.0)["period_m"] == pytest.approx(strongest_m, rel=0.005)
 

@@ -27,7 +27,7 @@ from calibration.diagnosis.basis_set_evidence import (
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.one_way import judge_courses, loss_of_one_way
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import Departure, Effect, EffectInputs
+from calibration.effects.api import PERIOD, Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import (
     VISIT,
@@ -94,7 +94,7 @@ def with_departures(
     if exact.basis_set.curve is not None:  # the others are derivatives
         main = main[:1]
     general = len(main) > MOST_MAIN_COLUMNS
-    period_m = exact.basis_set.parameters.get("period_m", 0.0)
+    period_m = exact.basis_set.parameters.get(PERIOD, 0.0)
     if general:
         a_little, wholly = {}, _functions_of_change(inputs, effect, place, len(main))
     else:

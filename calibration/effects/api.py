@@ -27,6 +27,7 @@ from calibration.model.payload import PayloadEntry
 from calibration.recording.header import DisturbanceLevels
 
 __all__ = [
+    "PERIOD",
     "BasisSet",
     "BasisSets",
     "Coordinate",
@@ -53,6 +54,7 @@ Coordinate = Literal[
 T = TypeVar("T")
 SizeMeasure = Literal["norm", "norm of channels", "sum", "rms", "range"]
 
+PERIOD = "period_m"  # name of the parameter in which a phase is one
 MIN_RATIO_TO_DECLARED = 2.0
 MIN_RATIO_TO_STATED_U = 3.0  # of a stated value: less is within its uncertainty, and calibrated
 
@@ -230,6 +232,14 @@ class Effect:
     stated_u: Callable[[Machine, Sequence[PayloadEntry]], float] = field(
         default=lambda machine, payloads: 0.0, kw_only=True
     )
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a phase that would be ignored."""
+        if "phase" in self.functions_vary_with:
+            raise ValueError(f"'{self.name}': general functions have no phase; name it in varies_with")
+        repeats = self.place == "drive" and any(p.name == PERIOD for p in (self.size, *self.others))
+        if "phase" in self.varies_with and not repeats:
+            raise ValueError(f"'{self.name}': a phase needs the place drive and a parameter {PERIOD}")
 
     def contributions(
         self, inputs: EffectInputs, place: int, curve: CurvePoint | None = None

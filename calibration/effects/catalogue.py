@@ -116,7 +116,7 @@ def _one_line(error: BaseException) -> str:
 
 def _require_effects(loaded: object, source: str) -> list[Effect]:
     if not isinstance(loaded, Iterable) or not (effects := list(loaded)):
-        raise InputError(f"{source}: holds no EFFECTS; give a tuple of calibration.effects.base.Effect")
+        raise InputError(f"{source}: holds no EFFECTS; give a tuple of calibration.effects.api.Effect")
     for effect in effects:
         if not isinstance(effect, Effect):
             raise InputError(f"{source}: EFFECTS holds {type(effect).__name__}; each must be an Effect")

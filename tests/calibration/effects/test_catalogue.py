@@ -164,6 +164,8 @@ def test_the_same_file_twice_is_refused(tmp_path):
         ("raise ValueError('boom')", "ValueError: boom"),
         ("raise ValueError('boom\\nand more')", "ValueError: boom"),
         ("import sys\nsys.exit(3)", "SystemExit"),
+        (OWN.replace("forms),)", "forms, varies_with=('phase',)),)"), "a phase needs the place drive and a parameter"),
+        (OWN.replace("forms),)", "forms, functions_vary_with=('phase',)),)"), "general functions have no phase"),
     ],
 )
 def test_bad_files_are_refused_in_one_line(tmp_path, text, match):

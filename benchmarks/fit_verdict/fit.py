@@ -84,7 +84,7 @@ class Kept:
         explained = np.maximum(self.explained, 0.0)
         most = np.maximum(strongest, explained + self.excess)
         any_effect = expit(most - self.none_elsewhere - settings.none_prior_log_odds)
-        threshold = settings.excess_threshold + settings.excess_share * explained
+        threshold = settings.threshold_of_excess(explained)
         left_over = self.excess + settings.departure_share * self.departure_gain
         exceeded = expit(settings.excess_sharpness * (left_over / threshold - 1.0))
         by_causes = expit(np.maximum(strongest, explained) - self.none_elsewhere - settings.none_prior_log_odds)

@@ -30,7 +30,12 @@ from calibration.machine.description import COORDINATES, Machine
 NOTHING, UNKNOWN = "nothing", "unknown"
 # with which `make compare-study` was measured
 COMPARISON_VERDICT = replace(
-    VERDICT, excess_share=0.03, excess_sharpness=3.0, new_form_share=0.0, misleading_probability=0.0
+    VERDICT,
+    excess_share=0.03,
+    strong_evidence=math.inf,
+    excess_sharpness=3.0,
+    new_form_share=0.0,
+    misleading_probability=0.0,
 )
 # Of what differs anew, over the declared levels, which are right within a factor of two (one standard deviation).
 LEVELS, LEVEL_SPREAD = (0.5, 0.7, 1.0, 1.4, 2.0, 2.8, 4.0), math.log(2.0)

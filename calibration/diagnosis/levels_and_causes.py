@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, LevelPosterior, scaled_levels
 from calibration.diagnosis.ranking import Cause
-from calibration.diagnosis.search import SearchResult, excess_threshold, search_causes, something_is_left
+from calibration.diagnosis.search import SearchResult, search_causes, something_is_left
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import MIN_RATIO_TO_DECLARED, Effect, EffectInputs
 from calibration.recording.header import DisturbanceLevels
@@ -49,7 +49,8 @@ class SearchAtLevels:
         """Of its explanation, over `none` at the declared levels, less the prior odds of a cause and of `unknown`."""
         result = self.result
         named = result.log_evidence
-        unknown = result.log_evidence + result.excess_log_evidence - excess_threshold(result.log_evidence)
+        left_over = result.excess_log_evidence - float(VERDICT.threshold_of_excess(result.log_evidence))
+        unknown = result.log_evidence + left_over
         return self.log_evidence + max(0.0, max(named, unknown) - VERDICT.none_prior_log_odds)
 
 

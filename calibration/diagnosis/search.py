@@ -16,7 +16,7 @@ from calibration.diagnosis.ranking import (
     rank_effects,
     refit_cause,
 )
-from calibration.diagnosis.settings import VERDICT, VerdictSettings
+from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
 from calibration.effects.partial_context import NotRecorded, PartialContext
@@ -105,19 +105,13 @@ def departure_gain(causes: Sequence[Cause]) -> float:
     return sum(cause.departure_gain for cause in causes)
 
 
-def excess_threshold(explained: float, settings: VerdictSettings = VERDICT) -> float:
-    """Excess log evidence of an alternative beside effects that explain so much, at which `unknown` is half as likely
-    as ever."""
-    return settings.excess_threshold + settings.excess_share * max(explained, 0.0)
-
-
 def something_is_left(result: SearchResult) -> bool:
     """Whether alternatives explain so much more that other effects or levels of disturbances are worth a search."""
     return _is_much(result.excess_log_evidence, result.log_evidence)
 
 
 def _is_much(excess: float, explained: float) -> bool:
-    return excess > SHARE_OF_UNKNOWN * excess_threshold(explained)
+    return excess > SHARE_OF_UNKNOWN * float(VERDICT.threshold_of_excess(explained))
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+
+from calibration.base.arrays import Array
+
 
 @dataclass(frozen=True)
 class VerdictSettings:
@@ -55,8 +59,11 @@ class VerdictSettings:
     excess_threshold: float = 12.0
     """Excess log evidence of the best non-parametric alternative at which `unknown` is half as likely as ever. Source:
     tuned."""
-    excess_share: float = 0.025
+    excess_share: float = 0.022
     """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
+    strong_evidence: float = 4000.0
+    """Explained log evidence beyond which it increases twice as fast, as in what is so strong model errors stand out of
+    the noise wholly. Source: tuned."""
     excess_sharpness: float = 2.5
     """Over how large a part of that threshold the odds of `unknown` change by a factor e: its inverse. Without any
     excess they are those of an effect of no catalogue that a known one imitates. Source: tuned; within the range of the
@@ -100,6 +107,13 @@ class VerdictSettings:
     """The same, over the verdict's own log evidence. Source: tuned."""
     max_compared: int = 6
     """Effects next in the ranking that are compared with the verdict. Source: computing time."""
+
+    def threshold_of_excess(self, explained: Array | float) -> Array:
+        """Excess log evidence of an alternative beside effects that explain so much, at which `unknown` is half as
+        likely as ever; of one diagnosis or of several at once."""
+        positive = np.maximum(explained, 0.0)
+        strong = np.maximum(positive - self.strong_evidence, 0.0)
+        return np.asarray(self.excess_threshold + self.excess_share * (positive + strong))
 
 
 VERDICT = VerdictSettings()

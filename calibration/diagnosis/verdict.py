@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import log_sum
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN, KeptEvidence
-from calibration.diagnosis.search import SearchResult, excess_threshold
+from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
 
 
@@ -62,7 +62,7 @@ def verdict_probabilities(
     strongest = float(logs.max()) if logs.size else 0.0
     explained = max(explained, 0.0)
     any_effect = float(expit(max(strongest, explained + excess) - none_elsewhere - settings.none_prior_log_odds))
-    left_over = (excess + settings.departure_share * departure_gain) / excess_threshold(explained, settings)
+    left_over = (excess + settings.departure_share * departure_gain) / float(settings.threshold_of_excess(explained))
     exceeded = float(expit(settings.excess_sharpness * (left_over - 1.0))) if logs.size else 1.0
     # What only an arbitrary function explains is no reason for an effect that explains nothing: its share is that of
     # `none` or, where it would have been for a new form of an effect, of `unknown`.

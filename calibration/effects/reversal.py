@@ -15,7 +15,7 @@ from calibration.effects.api import (
     varies,
 )
 from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve
-from calibration.effects.departures import COURSE_TERMS, ROUGHNESS, WALK, WARMTH_S
+from calibration.effects.departures import WARMTH_S
 
 LEAST_PAUSES, REST_TERMS, PAUSE_WEIGHT = 0.7, 4, 0.3  # of the logarithm of the rest before a motion
 LOAD_TERMS = 3  # of any function of the load, or of what presses a carriage into its guides
@@ -24,7 +24,6 @@ FLANK_WEIGHT = 0.05  # of a load that says on which flank it lies, as under a co
 LEAST_N = 1e-9  # of what presses across a guide: less is nothing
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
-COURSE_WEIGHT, PLACE_TERMS = 0.5, 4  # of any course in time, also with any function of the place
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 LEAST_KG = 1e-9  # of what moves, where no mass is stated
@@ -88,7 +87,6 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
             firmer = cosine_basis(rested, REST_TERMS, constant=True)
             sets.add_set(sets.add((travel, by_side[:, None] * firmer)), weight=PAUSE_WEIGHT)
     _add_friction_of_grease(sets, inputs, drive)
-    _add_friction_by_course(sets, inputs, drive)
     return sets
 
 
@@ -103,21 +101,6 @@ def _add_friction_of_grease(sets: BasisSets, inputs: EffectInputs, drive: int) -
     for by_warmth in (*functions, np.concatenate(functions, axis=1)):
         thinner = sets.add((travel, wound[:, None] * by_warmth))
         sets.add_set((*constant, *thinner), weight=WARMTH_WEIGHT)
-
-
-def _add_friction_by_course(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
-    """A brake that drags at times, a nut that runs dry: friction by any course in time, that no torque need show."""
-    context = inputs.context
-    if "t_s" in context.not_said:
-        return
-    travel = f"travel.{inputs.drive(drive)}"
-    wound = -FRICTION_SHARE * RATED_N * context.direction[:, drive]
-    constant = sets.add((travel, wound))
-    course = cosine_basis(context.elapsed_s, COURSE_TERMS, roughness=WALK)
-    place = cosine_basis(context.drives[:, drive], PLACE_TERMS, roughness=ROUGHNESS)
-    in_time, by_place = (sets.add((travel, wound[:, None] * functions)) for functions in (course, place))
-    sets.add_set((*constant, *in_time), weight=COURSE_WEIGHT)  # never the constant alone, which is play
-    sets.add_set((*constant, *in_time, *by_place), weight=COURSE_WEIGHT)
 
 
 def _warmths(inputs: EffectInputs, drive: int) -> list[Array]:

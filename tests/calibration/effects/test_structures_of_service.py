@@ -61,18 +61,9 @@ def friction_windup__grease(inputs):
     return {"travel.left": -context.direction[:, 0] * thick}
 
 
-def friction_windup__dry_at_times(inputs):
-    """A nut that runs dry until its next shot of oil, most in the middle of its screw; no torque shows it."""
-    context = inputs.context
-    dry = 2.0 * scaled(context.elapsed_s) % 1.0
-    in_middle = np.exp(-8.0 * (scaled(context.drives[:, 0]) - 0.5) ** 2)
-    return {"travel.left": -context.direction[:, 0] * (0.2 + dry + in_middle)}
-
-
 LAWS = (
     axis_coupling__rope, column_compliance__hung_before,
     tables_left_on__at_another_drive, link_stiffness__overloaded, friction_windup__grease,
-    friction_windup__dry_at_times,
 )  # fmt: skip
 LEAST_OF = {
     "axis_coupling__rope": 1.0 - 1e-9,

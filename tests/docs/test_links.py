@@ -43,6 +43,11 @@ def test_every_page_is_reached_from_the_index():
     assert set(PAGES) - reached == set()
 
 
+def test_the_index_lists_every_decision_in_order():
+    listed = [target.name for target, _ in links(Path("docs/README.md")) if target.parent.name == "decisions"]
+    assert listed == sorted(path.name for path in (ROOT / "docs" / "decisions").glob("*.md"))
+
+
 def test_pages_that_the_code_names_exist():
     sources = [ROOT / "Makefile", *ROOT.glob("*.toml")]
     sources += [p for top in TOP_FOLDERS for pattern in SOURCES for p in (ROOT / top).rglob(pattern)]

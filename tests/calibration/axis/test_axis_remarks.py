@@ -9,6 +9,7 @@ import pytest
 
 from calibration.axis import diagnose
 from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.verdict import verdict_probabilities
 from calibration.recording.axis_header import AxisFile
 from calibration.recording.axis_recording import AxisRecording
 
@@ -88,3 +89,10 @@ def test_what_remains_beside_a_named_effect_is_told_from_ten_of_log_evidence_on(
     remarks = diagnose._remarks(searched(("delay", 300.0), causes=1, speed=speed), verdict)
     assert len(remarks) == said
     assert all("depends on speed remains (10 of log evidence, 300 explained)" in remark for remark in remarks)
+
+
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_unknown_on_one_drive_has_even_odds_at_twelve_and_a_tenth_of_what_is_explained(side):
+    """However strong: no share of it is granted twice."""
+    p = verdict_probabilities({"delay": 9000.0}, 9000.0, 912.0 + side, diagnose.AXIS_VERDICT)
+    assert (p[UNKNOWN] > p["delay"]) is (side > 0.0)

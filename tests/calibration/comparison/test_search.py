@@ -90,10 +90,11 @@ def test_candidates_of_a_machine_name_its_parts_once():
     assert "P1" not in {c.place for c in candidates(machine, range(7), pair().shared - {"P1"})}
 
 
+@pytest.mark.parametrize(("explained", "threshold"), [(1000.0, 42.0), (9000.0, 282.0)])
 @pytest.mark.parametrize("side", [-0.1, 0.1])
-def test_an_unknown_change_has_even_odds_at_twelve_and_three_per_cent_of_what_is_explained(side):
+def test_an_unknown_change_has_even_odds_at_twelve_and_three_per_cent_of_what_is_explained(explained, threshold, side):
     """With this constant the study of pairs was made; that of a diagnosis is another."""
-    found = SimpleNamespace(candidate=SimpleNamespace(structure="a strut's length"), log_evidence=1000.0)
-    weighed = Weighed(None, (found,), (), {}, log_evidence=1000.0, excess=42.0 + side)
+    found = SimpleNamespace(candidate=SimpleNamespace(structure="a strut's length"), log_evidence=explained)
+    weighed = Weighed(None, (found,), (), {}, log_evidence=explained, excess=threshold + side)
     p = weighed.probabilities()
     assert (p[UNKNOWN] > p["a strut's length"]) is (side > 0.0)

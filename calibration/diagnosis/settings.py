@@ -61,7 +61,7 @@ class VerdictSettings:
     tuned."""
     excess_share: float = 0.022
     """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
-    strong_evidence: float = 4000.0
+    strong_evidence: float = 6500.0
     """Explained log evidence beyond which it increases twice as fast, as in what is so strong model errors stand out of
     the noise wholly. Source: tuned."""
     excess_sharpness: float = 2.5

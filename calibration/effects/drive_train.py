@@ -7,7 +7,16 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.effects.api import BasisSets, Coordinate, Effect, EffectInputs, EffectParameter, Textbook, varies
+from calibration.effects.api import (
+    PERIOD,
+    BasisSets,
+    Coordinate,
+    Effect,
+    EffectInputs,
+    EffectParameter,
+    Textbook,
+    varies,
+)
 from calibration.effects.basis_functions import cosine_basis, wave_of
 
 TRANSMISSION_M = (2.0e-4, 6.0e-2)  # of screws, and of teeth of belts, racks and gears
@@ -121,7 +130,7 @@ WAVE_VARIES_WITH: tuple[Coordinate, ...] = (
     "own travel", "other travel", "side", "payload", "speed", "time", "course", "way", "warmth", "temperature",
     "phase",
 )  # fmt: skip
-_PERIOD = EffectParameter("period_m", PITCH_M[0], TRANSMISSION_M[1], "m", "period of the error", aliased=True)
+_PERIOD = EffectParameter(PERIOD, PITCH_M[0], TRANSMISSION_M[1], "m", "period of the error", aliased=True)
 
 EFFECTS = (
     Effect(

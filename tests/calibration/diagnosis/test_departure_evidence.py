@@ -11,11 +11,13 @@ from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.basis_set_evidence import SIZES, evidence_of_basis_sets
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.one_way import loss_of_one_way
-from calibration.effects.api import BasisSet
+from calibration.effects.api import BasisSet, EffectParameter
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, steps_over, tensor_product, wave_of
 from calibration.effects.departures import functions_it_varies_with, functions_of_change, functions_of_coordinates
 from tests.calibration.diagnosis.dense import HIGH, LOW, dense, explicit, log_density, with_forms_at
 from tests.calibration.effects.general_functions import typical_inputs
+
+PERIOD_M = EffectParameter("period_m", 1e-3, 0.1, "m", "of the wave")
 
 
 def planted_with(small, likelihood, effect, strength, *, sign=0.0, by_visit=False, anew=False):
@@ -218,7 +220,7 @@ def test_a_wave_times_functions_of_its_phase_is_a_wave_of_any_form(late):
     inputs, period_m = typical_inputs(240), 0.011
     q, side = inputs.context.drives[:, 0], inputs.context.direction[:, 0]
     law = 2.0 * ((q / period_m - late * side) % 1.0) - 1.0
-    effect = replace(with_forms_at(0), varies_with=("phase",))
+    effect = replace(with_forms_at(0), varies_with=("phase",), others=(PERIOD_M,))
     form, by_side = functions_it_varies_with(inputs, effect, 0, period_m).values()
     wave = wave_of(q, period_m)
 
@@ -236,7 +238,7 @@ def test_a_wave_times_functions_of_its_phase_is_a_wave_of_any_form(late):
 def test_no_wave_of_any_form_is_play():
     """Which a wave by side times itself would be, in its mean."""
     inputs, period_m = typical_inputs(240), 0.011
-    effect = replace(with_forms_at(0), varies_with=("phase",))
+    effect = replace(with_forms_at(0), varies_with=("phase",), others=(PERIOD_M,))
     by_side = functions_it_varies_with(inputs, effect, 0, period_m)["phase by side.left"]
     columns, play = (
         tensor_product(wave_of(inputs.context.drives[:, 0], period_m), by_side),

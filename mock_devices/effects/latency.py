@@ -12,16 +12,7 @@ from mock_devices.effects.warming import GRID_S, grid_from
 POLL_S = 1024.0
 OTHER_S, KEPT = 0.0731, 0.9  # cycle of another message; share of messages that are not given up
 HOUR_S = 3600.0
-BY_CLOCK = (
-    "clock_skew",
-    "clock_ageing",
-    "restarted",
-    "steered_clock",
-    "beating_cycles",
-    "warm_quartz",
-    "hot_processor",
-    "burst_noise",
-)
+TYPICAL_M_PER_S = 0.25  # speed at which a delay that goes with it has the size
 BEST_K, QUARTZ_K = (-1.0, 1.0), 1.0  # of a quartz: its best temperature beyond that of the begin; off by so much it
 # has the size
 RESTARTS = 32
@@ -93,43 +84,43 @@ class Latency(Effect):
         """By how much the machine has gone on when the station looks."""
         if self.variant == "filtering":
             return 0.0
-        if self.variant == "bus_cycles":  # alternates between two cycles of a bus
-            return np.asarray(self.size * (0.6 + 0.8 * (state.leg[:, 0] % 2)), dtype=np.float64)
-        if self.variant == "queued":  # the phase of another message is the chance: the same whenever it is asked for
-            return np.asarray(-self.size * np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
-        if self.variant in BY_CLOCK:
-            t = self.elapsed_s(state)
-            share = t % POLL_S / POLL_S if self.variant == "clock_skew" else (t / HOUR_S) ** 2
-            if self.variant == "restarted":
-                share = self.restarts[state.exchanges.astype(int) % RESTARTS]
-            elif self.variant == "beating_cycles":
-                share = 2.0 * ((t / self.beats_s + self.phase) % 1.0)
-            elif self.variant in ("warm_quartz", "hot_processor", "burst_noise"):
-                share = self._by_quartz_or_channel(state)
-            elif self.variant == "steered_clock":
-                share = self._left_of_step(t)
-            return np.asarray(self.size * share)
-        if self.variant in ("adaptive_filter", "with_speed", "group_delay", "crowded_bus"):
-            speed = np.abs(state.velocity_m_per_s).max(axis=1)
-            share = speed / 0.25
-            if self.variant == "adaptive_filter":
-                share = np.where(speed > self.switches_m_per_s, self.shorter, 1.0)
-            elif self.variant == "crowded_bus":
-                busy = np.abs(state.velocity_m_per_s).sum(axis=1) / self.crowded_m_per_s
-                share = 1.0 / (1.0 - np.minimum(busy, FULL))
-            elif self.variant == "group_delay":
-                share = 1.0 / (1.0 + ((speed / self.resonates_m_per_s - 1.0) / BROAD) ** 2)
-            return np.asarray(self.size * share)
-        return self.size
+        shares = {
+            "bus_cycles": self._by_turns,
+            "queued": self._queued,
+            "clock_skew": lambda m: self.elapsed_s(m) % POLL_S / POLL_S,
+            "clock_ageing": lambda m: (self.elapsed_s(m) / HOUR_S) ** 2,
+            "restarted": lambda m: self.restarts[m.exchanges.astype(int) % RESTARTS],
+            "steered_clock": self._left_of_step,
+            "beating_cycles": lambda m: 2.0 * ((self.elapsed_s(m) / self.beats_s + self.phase) % 1.0),
+            "warm_quartz": self._run_slow,
+            "hot_processor": lambda m: np.where(self._warm_k(m) > self.hot_k, 2.0, 1.0),
+            "burst_noise": self._in_bursts,
+            "with_speed": lambda m: _fastest(m) / TYPICAL_M_PER_S,
+            "adaptive_filter": lambda m: np.where(_fastest(m) > self.switches_m_per_s, self.shorter, 1.0),
+            "group_delay": lambda m: 1.0 / (1.0 + ((_fastest(m) / self.resonates_m_per_s - 1.0) / BROAD) ** 2),
+            "crowded_bus": self._crowded,
+        }
+        if self.variant not in shares:  # a dead time
+            return self.size
+        return np.asarray(self.size * shares[self.variant](state), dtype=np.float64)
 
-    def _by_quartz_or_channel(self, state: MotionState) -> Array:
-        """What a clock has lost, or how much longer a processor or a channel takes (n,), over the size."""
-        if self.variant == "warm_quartz":
-            return self._run_slow(state)
-        if self.variant == "hot_processor":
-            return np.where(self._warm_k(state) > self.hot_k, 2.0, 1.0)
+    def _by_turns(self, state: MotionState) -> Array:
+        """Alternately by one and by the other of two cycles of a bus (n,), over the size."""
+        return np.asarray(0.6 + 0.8 * (state.leg[:, 0] % 2))
+
+    def _queued(self, state: MotionState) -> Array:
+        """By the phase of another message (n,), over the size: chance, and yet the same whenever it is asked for."""
+        return np.asarray(-np.log1p(-KEPT * (self.elapsed_s(state) % OTHER_S) / OTHER_S))
+
+    def _in_bursts(self, state: MotionState) -> Array:
+        """Delay of a channel that is good and bad by turns (n,), over that while it is good."""
         bad = np.searchsorted(self.bursts_s, self.elapsed_s(state), side="right") % 2 == 1
         return np.where(bad, self.repeats, 1.0)
+
+    def _crowded(self, state: MotionState) -> Array:
+        """Delay of a bus (n,), over that of a free one."""
+        busy = np.abs(state.velocity_m_per_s).sum(axis=1) / self.crowded_m_per_s
+        return np.asarray(1.0 / (1.0 - np.minimum(busy, FULL)))
 
     def _warm_k(self, state: MotionState) -> Array:
         """By how much warmer a processor is than at the begin (n,)."""
@@ -144,9 +135,9 @@ class Latency(Effect):
         lost = np.concatenate([[0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1]))]) * GRID_S / HOUR_S
         return np.asarray(np.interp(state.t_s, grid, lost))
 
-    def _left_of_step(self, t: Array) -> Array:
+    def _left_of_step(self, state: MotionState) -> Array:
         """Error of the clock (n,) over the step."""
-        swing, fades = 2.0 * np.pi * t / self.steers_s, DAMPED / math.sqrt(1.0 - DAMPED**2)
+        swing, fades = 2.0 * np.pi * self.elapsed_s(state) / self.steers_s, DAMPED / math.sqrt(1.0 - DAMPED**2)
         return np.asarray(np.exp(-fades * swing) * (np.cos(swing) - fades * np.sin(swing)))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
@@ -154,3 +145,8 @@ class Latency(Effect):
         if self.variant == "filtering" and self.size > 0.0:
             speed = state.direction * state.speed_m_per_s
             deviation.travel_m -= self.size * speed * np.exp(-state.since_s / self.size)
+
+
+def _fastest(state: MotionState) -> Array:
+    """Speed of the faster drive (n,), in m/s."""
+    return np.asarray(np.abs(state.velocity_m_per_s).max(axis=1))

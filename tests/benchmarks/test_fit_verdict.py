@@ -68,6 +68,10 @@ def test_all_cases_at_once_have_the_probabilities_of_the_diagnosis():
     for row in rows[::3]:  # what only an alternative explains
         evidence = row["evidence"]
         evidence |= {"log_evidence": dict.fromkeys(evidence["log_evidence"], 1.5), "explained": 0.0, "excess": 20.0}
+    for row in rows[1::3]:  # and what is strong
+        evidence = row["evidence"]
+        evidence |= {"log_evidence": dict.fromkeys(evidence["log_evidence"], 9000.0), "explained": 9500.0}
+        evidence["excess"] = float(rng.uniform(100.0, 500.0))
     settings = settings_at(rng.normal(0.0, 0.5, len(BY_EVIDENCE)))
     kept = Kept.of(rows)
     for row, found in zip(rows, kept.probabilities(settings), strict=True):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from calibration.diagnosis import levels_and_causes
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.levels_and_causes import SearchOfLevelsAndCauses
+from calibration.diagnosis.levels_and_causes import SearchAtLevels, SearchOfLevelsAndCauses
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.result import NONE
 from calibration.diagnosis.search import search_causes
@@ -103,3 +104,14 @@ def test_a_level_is_believed_up_to_what_is_likely_of_it_only(monkeypatch):
 
     monkeypatch.setattr(levels_and_causes.LevelPosterior, "standard_deviations", wide)
     assert [cause.effect.name for cause in search.most_likely().result.causes] == ["backlash"]
+
+
+@pytest.mark.parametrize(
+    ("explained", "excess", "more"),
+    [(1000.0, 33.0, 0.0), (1000.0, 40.0, 6.0), (9000.0, 264.0, 0.0), (9000.0, 270.0, 5.0), (0.0, 10.0, 0.0)],
+)
+def test_of_what_an_alternative_explains_only_what_makes_it_unknown_speaks_for_levels(explained, excess, more):
+    """Twelve and 0.022 of what is explained, and as much again of what is beyond 6,500; a cause must be worth seven."""
+    result = SimpleNamespace(log_evidence=explained, excess_log_evidence=excess)
+    at_levels = SearchAtLevels(None, result, np.zeros(3), log_evidence=-2.0)
+    assert at_levels.log_posterior == pytest.approx(-2.0 + max(0.0, explained - 7.0) + more)

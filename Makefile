@@ -172,9 +172,9 @@ gapbench: $(VENV)/gapbench.stamp
 		$(if $(PROGRAM),--program "$(PROGRAM)")
 
 # The diagnosis on a plant in MuJoCo in which errors emerge (docs/explanation/emergent.md): 200 cases, an hour or two on two
-# cores. N=20 for a first look, PROCESSES=4. What is scored with which catalogue is a line in the log. Stopped, it goes on.
+# cores. N=20 for a first look, SEED=1 for others, PROCESSES=4. What is scored with which catalogue is a line in the log. Stopped, it goes on.
 emergent: $(VENV)/dev.stamp
-	$(BIN)/python -m benchmarks.emergent.run $(if $(N),--n $(N)) $(if $(PROCESSES),--processes $(PROCESSES))
+	$(BIN)/python -m benchmarks.emergent.run $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED)) $(if $(PROCESSES),--processes $(PROCESSES))
 
 # What changed between two campaigns, on 1,000 pairs whose change is known (docs/explanation/comparison.md): about an hour on
 # two free cores. N=50 for a first look; SEED=1 is for development; TABLE=1 prints what is there. Stopped, it goes on.

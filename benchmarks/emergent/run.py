@@ -1,10 +1,12 @@
 """Checks the diagnosis on a plant in MuJoCo in which errors emerge: one table (docs/explanation/emergent.md).
 
-    python -m benchmarks.emergent.run [--n N] [--processes 2] [--out runs/emergent] [--make-only] [--unsealed]
+    python -m benchmarks.emergent.run [--n N] [--seed S] [--processes 2] [--out runs/emergent] [--make-only]
+        [--unsealed]
 
 Makes the cases that are missing, packs them in the form of the other simulator's recordings, and has
 `benchmarks.independent.run` diagnose and score them. A finished case is kept as long as the plant's code is the same:
-stopped at any time, the same command goes on; --make-only leaves the diagnosis for later. What is scored with which
+stopped at any time, the same command goes on; --make-only leaves the diagnosis for later. Another seed makes 200 other
+cases of the same plant, which nobody has seen. What is scored with which
 catalogue is a line of log.jsonl, written before. Exit status 1 if a goal is missed, 2 if a process failed.
 """
 
@@ -45,17 +47,17 @@ CATALOGUE = ("calibration/effects",)
 def main(arguments: list[str] | None = None) -> int:
     """Make what is missing, log what is about to be scored, score."""
     options = _options(arguments)
-    plans = plan()
+    plans = plan(options.seed)
     chosen = plans[: options.n or None]  # they are mixed: the first ones are a fair sample
     plant = f"{code_digest(*PLANT)}-mujoco-{mujoco.__version__}"
-    folder = options.out / plant
+    folder = options.out / f"{plant}-seed-{options.seed}"
     make_all(chosen, folder / "cases", options.processes)
     if options.make_only:
         print(f"{len(chosen)} cases: {folder / 'cases'}")
         return 0
     data = folder / f"{len(chosen)}-of-{len(plans)}"
     archive = pack(folder / "cases", data, [one.name for one in chosen])
-    append_once(options.log, plant, len(chosen))
+    append_once(options.log, plant, options.seed, len(chosen))
     given = ["--data", str(data), "--out", str(folder / "scores"), "--jobs", str(options.processes), "--gross"]
     status = independent.main([*given, *(["--unsealed"] if options.unsealed else [])])
     details = folder / "scores" / f"{independent.code_digest('')}-{digest_of(archive)}" / "even" / "results.json"
@@ -79,13 +81,14 @@ def make_all(chosen: Sequence[Plan], cases: Path, processes: int) -> None:
             )
 
 
-def append_once(log: Path, plant: str, n: int) -> None:
+def append_once(log: Path, plant: str, seed: int, n: int) -> None:
     """A line for each catalogue and plant that is scored together, on disk before anything is scored."""
-    line = {"catalogue": code_digest(*CATALOGUE), "calibration": code_digest("calibration"), "plant": plant, "n": n}
+    code = {"catalogue": code_digest(*CATALOGUE), "calibration": code_digest("calibration"), "plant": plant}
+    line = {"seed": seed, **code, "n": n}
     former = [json.loads(text) for text in log.read_text(encoding="utf-8").splitlines()] if log.exists() else []
     if any(line.items() <= entry.items() for entry in former):
         return
-    entry = {"begun": datetime.now(UTC).isoformat(timespec="seconds"), "seed": SEED, **line}
+    entry = {"begun": datetime.now(UTC).isoformat(timespec="seconds"), **line}
     with log.open("a", encoding="utf-8") as file:
         file.write(json.dumps(entry) + "\n")
         file.flush()
@@ -109,14 +112,15 @@ def by_cause(rows: Sequence[Row], chosen: Sequence[Plan]) -> list[str]:
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--n", type=int, default=0, help="so many cases only, for a first look")
+    parser.add_argument("--seed", type=int, default=SEED, help="of all cases; another one makes others")
     parser.add_argument("--processes", type=int, default=2, help="cases made, and diagnosed, side by side")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")
     parser.add_argument("--make-only", action="store_true", help="make cases, and diagnose nothing")
     parser.add_argument("--unsealed", action="store_true", help="development where the system can shut no process in")
     parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
-    if options.n < 0 or options.processes < 1:
-        parser.error("--n must not be negative, --processes not below 1")
+    if options.n < 0 or options.seed < 0 or options.processes < 1:
+        parser.error("--n and --seed must not be negative, --processes not below 1")
     options.out = options.out.resolve()
     return options
 

@@ -14,7 +14,7 @@ import pytest
 
 from benchmarks.emergent import run
 from benchmarks.emergent.campaign import FIRST_S
-from benchmarks.emergent.cases import plan
+from benchmarks.emergent.cases import SEED, plan
 from benchmarks.emergent.drive_model import Arrival, Drive, DrivePart, approach
 from benchmarks.emergent.faults import INSIDE, OUTSIDE, draw_fault, drive_parts, strut_parts
 from benchmarks.emergent.machines import NOMINAL, draw_machine, machine_file
@@ -189,6 +189,9 @@ def test_the_plan_has_its_kinds_at_even_numbers_and_names_of_the_catalogue():
     kinds = Counter(case.kind for case in cases[:100])
     assert (kinds["single"], kinds["null"]) == (60, 15)
     assert cases == plan()
+    others = plan(1)
+    assert Counter(case.causes for case in others) == Counter(case.causes for case in cases)
+    assert not {case.seed for case in others} & {case.seed for case in cases}
     known, rng = load_catalogue().names, np.random.default_rng(1)
     assert all(draw_fault(cause, rng).effect in known for cause in INSIDE)
     assert not any(draw_fault(cause, rng).effect in known for cause in OUTSIDE)
@@ -287,3 +290,7 @@ def test_a_stopped_run_goes_on_and_says_what_it_scores_before_it_does(tmp_path, 
     (line,) = (json.loads(text) for text in (tmp_path / "log").read_text().splitlines())
     assert line["catalogue"] == run.code_digest("calibration/effects")
     assert not list((tmp_path / "out").rglob("*.part"))
+    monkeypatch.setattr(sys, "argv", [*arguments, "--seed", "1"])
+    assert until_stopped(run.main) == 0
+    assert asked[-1] == ["rec002", "rec004", "rec006"]
+    assert [json.loads(text)["seed"] for text in (tmp_path / "log").read_text().splitlines()] == [SEED, 1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import difflib
 import io
 import math
 from collections.abc import Collection, Iterator, Mapping
@@ -16,6 +17,8 @@ from calibration.base.plain_file import bounded_lines, open_text
 
 MAX_ROWS = 200_000
 MAX_CSV_BYTES = 100_000_000
+OTHER_SEPARATORS = {";": "semicolons", "\t": "tabulators"}
+SHOWN = 40  # characters of a name in a message
 
 
 def read_table(
@@ -47,8 +50,9 @@ def parse_table(
     """The same of an open file, or of a text; `path` is what messages name."""
     try:
         reader = csv.reader(bounded_lines(stream, path))
-        header = next(reader, [])
-        _check_header(path, header, needed, optional, page)
+        header = read_header(path, reader, needed, page)
+        if unknown := [name for name in header if name not in needed and name not in optional]:
+            raise InputError(f"{path}: unknown column '{unknown[0][:SHOWN]}'; remove it or correct its spelling")
         rows = list(_rows(path, reader, header, may_be_empty))
     except csv.Error as error:
         raise InputError(f"{path}: not CSV: {error}") from error
@@ -56,6 +60,22 @@ def parse_table(
         raise InputError(f"{path}: no rows; it needs at least one")
     table = np.array(rows, dtype=np.float64)
     return {name: table[:, i] for i, name in enumerate(header)}
+
+
+def read_header(path: Path, reader: Iterator[list[str]], needed: Collection[str], page: str) -> list[str]:
+    """Names of the columns, from the first line; raises InputError in one line."""
+    header = next(reader, [])
+    if not header:
+        raise InputError(f"{path}: nothing in it; it needs a header and rows, see {page}")
+    if len(header) == 1 and (other := next((mark for mark in OTHER_SEPARATORS if mark in header[0]), None)):
+        raise InputError(f"{path}: cells are separated by {OTHER_SEPARATORS[other]}; separate them by commas")
+    if len(set(header)) != len(header):
+        raise InputError(f"{path}: a column occurs twice in the header; remove one")
+    if missing := [name for name in needed if name not in header]:
+        near = difflib.get_close_matches(missing[0], [name for name in header if name not in needed], n=1)
+        instead = f", but '{near[0][:SHOWN]}'" if near else ""
+        raise InputError(f"{path}: no column '{missing[0]}'{instead}; see {page}")
+    return header
 
 
 def write_table(columns: Mapping[str, Array]) -> str:
@@ -76,19 +96,13 @@ def require_counts(path: Path, name: str, column: Array) -> Array:
     return column
 
 
-def _check_header(path: Path, header: list[str], needed: Collection[str], optional: Collection[str], page: str) -> None:
-    if len(set(header)) != len(header):
-        raise InputError(f"{path}: a column occurs twice in the header; remove one")
-    if missing := [name for name in needed if name not in header]:
-        raise InputError(f"{path}: no column '{missing[0]}'; see {page}")
-    if unknown := [name for name in header if name not in needed and name not in optional]:
-        raise InputError(f"{path}: unknown column '{unknown[0][:40]}'; remove it or correct its spelling")
-
-
 def _rows(path: Path, reader: Iterator[list[str]], header: list[str], empty: Collection[str]) -> Iterator[list[float]]:
     for number, cells in enumerate(reader, start=2):
         if len(cells) != len(header):
-            raise InputError(f"{path}: line {number} has {len(cells)} cells, the header {len(header)}")
+            raise InputError(
+                f"{path}: line {number} has {len(cells)} cells, the header {len(header)}; copy the file again, or "
+                "repair the line"
+            )
         if number > MAX_ROWS + 1:
             raise InputError(f"{path}: more than {MAX_ROWS} rows; split it")
         yield [

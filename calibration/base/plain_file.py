@@ -47,7 +47,10 @@ class _BoundedFile(io.RawIOBase):
 
 @contextmanager
 def open_text(path: Path, most_bytes: int = MAX_FILE_BYTES) -> Iterator[io.TextIOWrapper]:
-    """A plain UTF-8 file, line ends as they are; InputError in one line for anything else, also while it is read."""
+    """A plain UTF-8 file, with a byte order mark or without, line ends as they are.
+
+    InputError in one line for anything else, also while it is read.
+    """
     if "\0" in str(path):
         raise InputError(f"{str(path)!r}: no path; check it")
     try:
@@ -58,7 +61,7 @@ def open_text(path: Path, most_bytes: int = MAX_FILE_BYTES) -> Iterator[io.TextI
                 raise InputError(f"{path}: not a plain file; name a file")
             if found.st_size > most_bytes:
                 raise _too_large(path, most_bytes)
-            with io.TextIOWrapper(io.BufferedReader(raw), encoding="utf-8", newline="") as stream:
+            with io.TextIOWrapper(io.BufferedReader(raw), encoding="utf-8-sig", newline="") as stream:
                 yield stream
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; check the path") from error

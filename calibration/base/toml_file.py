@@ -34,6 +34,7 @@ def _check_cell(text: str) -> str:
 
 
 LONGEST_LABEL = 200
+SHOWN = 40  # characters of a value in a complaint
 Label = Annotated[str, AfterValidator(_check_label)]  # a name that people read
 CellLabel = Annotated[Label, AfterValidator(_check_cell)]  # the same, where it stands in CSV files too
 AnySection = TypeVar("AnySection", bound=Section)
@@ -61,9 +62,15 @@ def _first_complaint(error: ValidationError) -> str:
     """One complaint in one line: a key that is not known first, since a misspelt key is missing elsewhere."""
     complaints = error.errors()
     first = next((c for c in complaints if c["type"] == "extra_forbidden"), complaints[0])
-    where = ".".join(str(part) for part in first["loc"]) or "file"
+    where = ".".join(str(part) for part in first["loc"])
     more = f" (and {len(complaints) - 1} more)" if len(complaints) > 1 else ""
     if first["type"] == "extra_forbidden":
         return f"unknown key '{where}'; remove it or correct its spelling{more}"
-    message = str(first["msg"]).replace("\n", " ")
-    return f"'{where}': {message}{more}"
+    if first["type"] == "missing":
+        return f"no key '{where}'; add it{more}"
+    message = str(first["msg"]).replace("\n", " ").removeprefix("Value error, ")
+    if message.startswith("Input should "):
+        given = printable(repr(first["input"]))
+        shown = given if len(given) <= SHOWN else f"{given[:SHOWN]}..."
+        message = f"{shown} should {message.removeprefix('Input should ')}; correct it"
+    return f"'{where}': {message}{more}" if where else f"{message}{more}"

@@ -105,10 +105,10 @@ def _check_time(path: Path, time_s: Array) -> None:
     steps = np.diff(time_s)
     if (back := np.flatnonzero(steps <= 0.0)).size:
         raise InputError(f"{path}: line {back[0] + 3}: time does not rise; remove what was recorded twice")
-    mean = float(np.mean(steps))
-    if (uneven := np.flatnonzero(np.abs(steps - mean) > UNEVEN * mean)).size:
+    usual = float(np.median(steps))  # a gap would change the mean
+    if (uneven := np.flatnonzero(np.abs(steps - usual) > UNEVEN * usual)).size:
         raise InputError(
-            f"{path}: line {uneven[0] + 3}: a step of {steps[uneven[0]]:.3g} s among steps of {mean:.3g} s; "
+            f"{path}: line {uneven[0] + 3}: a step of {steps[uneven[0]]:.3g} s among steps of {usual:.3g} s; "
             "record at an even rate without gaps, or cut the recording there"
         )
 

@@ -9,15 +9,16 @@ import csv
 import io
 import math
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
-from calibration.base.csv_table import MAX_CSV_BYTES, MAX_ROWS
+from calibration.base.csv_table import MAX_CSV_BYTES, MAX_ROWS, read_header
 from calibration.base.errors import InputError
 from calibration.base.plain_file import bounded_lines, open_text, read_text
-from calibration.base.toml_file import parse_toml
+from calibration.base.toml_file import Section, parse_toml
 from calibration.base.toml_text import to_toml
 from calibration.machine.description import parse_machine
 from calibration.recording.columns import Column
@@ -61,6 +62,7 @@ def read_folder(folder: Path, *, by_sequence: bool = False) -> Recording:
     path = folder / "readings.csv"
     with open_text(path, MAX_CSV_BYTES) as stream:
         rows = _parse_rows(stream, path, file)
+    _check_record(folder, rows)
     recording = make_recording(file, machine, rows)
     if by_sequence:
         return sessions_from_sequence(recording)
@@ -73,20 +75,45 @@ def read_folder(folder: Path, *, by_sequence: bool = False) -> Recording:
     return recording
 
 
+class RecordFile(Section):
+    """record.toml of an export: the campaign's head in its store, and how many readings it had."""
+
+    campaign: str
+    head: str
+    readings: int = Field(ge=0)
+
+
+def write_record(folder: Path, record: RecordFile) -> None:
+    """Write record.toml. A file of its own, so that versions without a chain can read the recording."""
+    (folder / "record.toml").write_text(to_toml(record), encoding="utf-8")
+
+
+def _check_record(folder: Path, rows: Sequence[object]) -> None:
+    """Refuse an export that was cut short; without record.toml nothing says how long it was."""
+    path = folder / "record.toml"
+    if not path.exists():
+        return
+    record = parse_toml(read_text(path), RecordFile, str(path))
+    if len(rows) != record.readings:
+        raise InputError(
+            f"{folder / 'readings.csv'}: {len(rows)} readings, where {path.name} says {record.readings}; copy it "
+            "again, or remove that file if you took readings out"
+        )
+
+
 def _parse_rows(stream: io.TextIOWrapper, path: Path, file: RecordingFile) -> list[dict[str, float | str]]:
     reader = csv.reader(bounded_lines(stream, path))
     try:
-        header = next(reader, [])
         table = {column.name: column for column in file.column_table()}
-        missing = [name for name, column in table.items() if column.required and name not in header]
-        if missing:
-            raise InputError(f"{path}: no column '{missing[0]}'; see docs/reference/recording.md")
-        if len(set(header)) != len(header):
-            raise InputError(f"{path}: a column stands twice in the header")
+        required = [name for name, column in table.items() if column.required]
+        header = read_header(path, reader, required, "docs/reference/recording.md")
         rows: list[dict[str, float | str]] = []
         for number, cells in enumerate(reader, start=2):
             if len(cells) != len(header):
-                raise InputError(f"{path}: line {number} has {len(cells)} cells, the header {len(header)}")
+                raise InputError(
+                    f"{path}: line {number} has {len(cells)} cells, the header {len(header)}; copy the file again, or "
+                    "repair the line"
+                )
             if len(rows) >= MAX_ROWS:
                 raise InputError(f"{path}: more than {MAX_ROWS} rows")
             rows.append(_row(table, header, cells, path, number))

@@ -75,6 +75,9 @@ class LengthEntry(Section):
         return CertifiedLength(self.nests, self.value_m, self.u_m)
 
 
+MOST_LEVEL_M, MOST_LEVEL_K = 1.0e-3, 5.0  # beyond these a level is in another unit, and would hide every effect
+
+
 class DisturbanceLevels(Section):
     """Levels of ordinary disturbances, one standard deviation each."""
 
@@ -96,28 +99,37 @@ class DeclaredLevels(DisturbanceLevels):
 
     drift_m: float = Field(
         ge=0.0,
+        le=MOST_LEVEL_M,
         default=3.0e-6,
         description="Drift of the station's frame in an hour of rig time, a random walk: shift in all three "
         "directions, and rotation as it shows 3 m away.",
     )
     reseat_m: float = Field(
         ge=0.0,
+        le=MOST_LEVEL_M,
         default=2.0e-6,
         description="Shift of a reflector, along each of the three axes, when it is put back into its nest: on "
         "platform and sliders anew at each exchange of the payload, in floor nests at each check.",
     )
     reversal_m: float = Field(
         ge=0.0,
+        le=MOST_LEVEL_M,
         default=1.0e-6,
         description="Half the reversal error of a drive, along its own axis: half of what it is off between the two "
         "sides it comes from; constant over the campaign.",
     )
     temperature_k: float = Field(
         ge=0.0,
+        le=MOST_LEVEL_K,
         default=0.02,
         description="Slow variation of a part about its sensor, of each strut and, in proportion to its travel, of "
         "each drive along its axis; in waves of 25 minutes and longer over the campaign.",
     )
+
+    @model_serializer(mode="wrap")
+    def _declared_keys(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """A key that was not declared stays so when it is written and read: its prior is a wider one."""
+        return {key: value for key, value in serialise(self).items() if key in self.model_fields_set}
 
 
 class SessionEntry(Section):
@@ -240,7 +252,7 @@ class RecordingFile(Section):
     def _without_later_keys(self, serialise: SerializerFunctionWrapHandler) -> dict[str, Any]:
         """Version 0.1, which does not know these keys, can still read recordings that need none of them."""
         data: dict[str, Any] = serialise(self)
-        for key in ("rotary_drives", "extra_columns", "simulated", "sessions", "known_tables"):
+        for key in ("rotary_drives", "extra_columns", "simulated", "nuisance", "sessions", "known_tables"):
             if not data.get(key):
                 data.pop(key, None)
         if self.drive_positions == "read":

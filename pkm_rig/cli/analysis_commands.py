@@ -90,7 +90,7 @@ def diagnose(
     from pkm_rig.jobs.next_command import measure_more
     from pkm_rig.jobs.session import store_if_there
     from pkm_rig.report.diagnosis_text import describe_diagnosis
-    from pkm_rig.report.terminal import print_result, say_repaired
+    from pkm_rig.report.terminal import print_json, print_result, results, say_repaired
     from pkm_rig.store.store import find_recording
 
     if _is_on_all("diagnose", campaign, all_campaigns, by_sequence, jobs, scheduler, again=again):
@@ -118,7 +118,11 @@ def diagnose(
     if estimate_disturbances:
         if add or effects:
             raise InputError("diagnose: --estimate-disturbances adds no effect; leave out --add and --effects")
-        print_result(json, *estimate_levels_of(recording))
+        levels, section = estimate_levels_of(recording)
+        if json:
+            print_json(levels)
+        else:  # a file of TOML, whose comments say what else is to be known
+            results.print(section, soft_wrap=True)
         return
     diagnosis, result = run_diagnosis(recording, out, effects or (), add=add)
     with store_if_there(out) as store:

@@ -144,7 +144,7 @@ def export_campaign(
     hdf5: Annotated[bool, typer.Option("--hdf5", help="FOLDER.h5 beside it too (needs the extra [hdf5])")] = False,
 ) -> None:
     """Write a campaign as a recording folder (docs/reference/recording.md)."""
-    from calibration.recording.folder import write_folder
+    from calibration.recording.folder import RecordFile, write_folder, write_record
     from calibration.recording.hdf5 import require_hdf5, write_hdf5
     from pkm_rig.report.terminal import print_result, say_repaired
     from pkm_rig.store.store import open_existing_store
@@ -158,9 +158,8 @@ def export_campaign(
     write_folder(recording, folder)
     if beside is not None:
         write_hdf5(recording, beside, head)
-    if head:  # in a file of its own, so that versions without a chain can read the recording
-        record = f'campaign = "{campaign}"\nhead = "{head}"\nreadings = {len(recording)}\n'
-        (folder / "record.toml").write_text(record, encoding="utf-8")
+    if head:
+        write_record(folder, RecordFile(campaign=campaign, head=head, readings=len(recording)))
     simulated = recording.file.simulated
     result = {"campaign": campaign, "simulated": simulated, "folder": str(folder), "readings": len(recording)}
     result |= {"head": head or None, "hdf5": None if beside is None else str(beside), **repaired}

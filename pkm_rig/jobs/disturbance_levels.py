@@ -30,8 +30,15 @@ def estimate_disturbances(recording: Recording) -> tuple[dict[str, Any], Rendera
             f"{found.campaign}: not a quiet campaign, the diagnosis says '{found.verdict}', which would be taken for "
             "disturbances; remove the cause, measure again, and estimate from that campaign"
         )
-    levels = estimate_levels(readings)
-    return {"campaign": found.campaign, "nuisance": _json(levels), "scatter": _entry(levels.scatter)}, _section(levels)
+    as_declared = diagnose(readings).verdict if readings.file.nuisance.model_fields_set else NONE
+    levels, simulated = estimate_levels(readings), readings.file.simulated
+    result = {"campaign": found.campaign, "simulated": simulated, "verdict_at_declared_levels": as_declared}
+    result |= {"nuisance": _json(levels), "scatter": _entry(levels.scatter)}
+    lines = [f"# from campaign {found.campaign}{', SIMULATED: not of a machine' if simulated else ''}"]
+    if as_declared != NONE:
+        lines.append(f"# at the levels that it declares the diagnosis says '{as_declared}',")
+        lines.append("# which these would hide: use them only if nothing was wrong")
+    return result, Text("\n".join([*_section(levels), *lines]))
 
 
 def _json(levels: EstimatedLevels) -> dict[str, Any]:
@@ -42,17 +49,17 @@ def _entry(level: EstimatedLevel) -> dict[str, Any]:
     return {"value": level.value, "low": level.low, "high": level.high, "told_by_readings": level.told}
 
 
-def _section(levels: EstimatedLevels) -> RenderableType:
-    """Lines of TOML as they are pasted into a rig file."""
+def _section(levels: EstimatedLevels) -> list[str]:
+    """Lines of TOML as they are pasted into a rig file; what the campaign does not tell stays undeclared."""
     lines = ["[nuisance]"]
     for key, level in levels.by_key.items():
-        said = f"95 %: {level.low:.{DIGITS}g} to {level.high:.{DIGITS}g}"
-        if not level.told:
-            said = "the default: this campaign says nothing of it"
-        lines.append(f"{key} = {level.value if level.told else levels.prior[key]:.{DIGITS}g}  # {said}")
+        if level.told:
+            lines.append(f"{key} = {level.value:.{DIGITS}g}  # 95 %: {level.low:.{DIGITS}g} to {level.high:.{DIGITS}g}")
+        else:
+            lines.append(f"# {key} is left at its default, {levels.prior[key]:.{DIGITS}g}: this campaign does not tell")
     scatter = levels.scatter
     lines.append(
         f"# readings scatter {scatter.value:.2f} times ({scatter.low:.2f} to {scatter.high:.2f}) as [station.accuracy] "
         "states"
     )
-    return Text("\n".join(lines))
+    return lines

@@ -99,6 +99,10 @@ def test_what_is_wrong_is_said_in_one_line(folder, name, old, new, says):
     [
         (lambda s: {name: column[:150] for name, column in s.items()}, "150 samples; it needs at least 200"),
         (lambda s: s | {"motor_position": np.zeros(250)}, "the motor stands still"),
+        (
+            lambda s: s | {"time": s["time"] + np.where(np.arange(250) >= 99, 5000.0, 0.0)},
+            "line 101: a step of 5 s among",
+        ),
         (lambda s: s | {"second_position": s["second_position"] / 100.0}, "moves 0.01 times as far as the motor's"),
         (lambda s: s | {"second_position": s["motor_position"]}, "is the motor's, value by value"),
         (lambda s: s | {"second_position": -s["second_position"]}, "moves -1 times as far"),

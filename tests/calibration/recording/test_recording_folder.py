@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -10,7 +11,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from calibration.base.errors import InputError
-from calibration.recording.folder import read_folder, write_folder
+from calibration.recording.folder import RecordFile, read_folder, write_folder, write_record
+from calibration.recording.header import DeclaredLevels
 from calibration.recording.recording import make_recording
 from tests.pkm_rig.plant_recording import record
 
@@ -48,7 +50,17 @@ def edit(path, old, new):
         ('campaign = "plant-2"', 'campaign = "../../etc/x"', "campaign"),
         ('campaign = "plant-2"', 'campaign = "/abs"', "campaign"),
         ('drives = ["left", "right"]', 'drives = ["left"]', "are not the machine's"),
-        ("angle_sd_rad = 2.4e-06", "angle_sd_rad = 0.0", "angle_sd_rad"),
+        (
+            "angle_sd_rad = 2.4e-06",
+            "angle_sd_rad = 0.0",
+            "'station.accuracy.angle_sd_rad': 0.0 should be greater than 0",
+        ),
+        (
+            "[station]",
+            "[nuisance]\ndrift_m = 3.0\n[station]",
+            "'nuisance.drift_m': 3.0 should be less than or equal to",
+        ),
+        ("format = 1", "", "no key 'format'; add it"),
     ],
 )
 def test_bad_headers_are_refused(copy, old, new, complaint):
@@ -98,6 +110,46 @@ def test_columns_of_the_station_s_settings_may_be_there_or_not(folder, copy, tmp
     np.testing.assert_array_equal(read_folder(tmp_path / "again")["prism_type"], one["prism_type"])
     (copy / "readings.csv").write_text("\n".join([f"{head},edm_mode", *(f"{r},2.5" for r in rows)]))
     with pytest.raises(InputError, match="'edm_mode' is not a count"):
+        read_folder(copy)
+
+
+LEVELS = {"drift_m": 2e-6, "temperature_k": 0.02}  # one of them is its default
+
+
+@pytest.mark.parametrize("levels", [{}, LEVELS], ids=["nothing", "two keys"])
+def test_levels_that_are_not_declared_stay_so(levels, tmp_path):
+    made = record(2, calibration_poses=6)
+    recording = replace(made, file=made.file.model_copy(update={"nuisance": DeclaredLevels(**levels)}))
+    write_folder(recording, tmp_path / "once")
+    write_folder(read_folder(tmp_path / "once"), tmp_path / "twice")
+    found = read_folder(tmp_path / "twice").file.nuisance
+    assert (found.model_fields_set, found) == (set(levels), recording.file.nuisance)
+
+
+def test_an_export_that_was_cut_short_is_refused(copy):
+    write_record(copy, RecordFile(campaign="plant-2", head="ab", readings=len(read_folder(copy))))
+    whole = (copy / "readings.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    read_folder(copy)
+    (copy / "readings.csv").write_text("".join(whole[:-3]), encoding="utf-8")
+    with pytest.raises(InputError, match=rf"{len(whole) - 4} readings, where record.toml says {len(whole) - 1}"):
+        read_folder(copy)
+
+
+def test_tables_of_other_programs_are_read_or_told_apart(copy):
+    path = copy / "readings.csv"
+    text = path.read_text(encoding="utf-8")
+    number = len(read_folder(copy))
+    path.write_text("\ufeff" + text, encoding="utf-8")
+    assert len(read_folder(copy)) == number
+    for mark, name in ((";", "semicolons"), ("\t", "tabulators")):
+        path.write_text(text.replace(",", mark), encoding="utf-8")
+        with pytest.raises(InputError, match=f"separated by {name}; separate them by commas"):
+            read_folder(copy)
+    path.write_text("", encoding="utf-8")
+    with pytest.raises(InputError, match="nothing in it"):
+        read_folder(copy)
+    path.write_text(text.replace("x_m,", "x_mm,", 1), encoding="utf-8")
+    with pytest.raises(InputError, match="no column 'x_m', but 'x_mm'"):
         read_folder(copy)
 
 

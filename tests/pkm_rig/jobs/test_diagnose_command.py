@@ -78,15 +78,30 @@ def test_disturbances_are_estimated_from_a_quiet_campaign_only(run, folder, tmp_
     done = run("diagnose", quiet, "--estimate-disturbances", "--out", tmp_path)
     assert done.returncode == 0, done.stderr
     levels = tomllib.loads(done.stdout)["nuisance"]
-    found = json.loads(run("diagnose", quiet, "--estimate-disturbances", "--json").stdout)["nuisance"]
+    printed = json.loads(run("diagnose", quiet, "--estimate-disturbances", "--json").stdout)
+    found = printed["nuisance"]
     told = {key for key, level in found.items() if level["told_by_readings"]}
-    assert set() < told < set(levels)
-    for key, value in DeclaredLevels(**levels).model_dump().items():
-        assert value == pytest.approx(found[key]["value"] if key in told else getattr(DeclaredLevels(), key), rel=0.05)
+    assert set() < told < set(found)
+    assert DeclaredLevels(**levels).model_dump() == {key: pytest.approx(found[key]["value"], rel=0.05) for key in told}
+    assert f"# from campaign {printed['campaign']}" in done.stdout
+    assert printed["verdict_at_declared_levels"] == "none"
     assert found["drift_m"]["low"] < 1e-5 < found["drift_m"]["high"]
     both = run("diagnose", quiet, "--estimate-disturbances", "--add")
     assert both.returncode == 2
     assert "leave out --add" in both.stderr
+
+
+def test_levels_that_would_hide_an_effect_say_so(run, tmp_path):
+    small = record(tmp_path / "small", EffectChoice("backlash", 1e-5, "right"), visits=60)
+    header = small / "recording.toml"
+    header.write_text("simulated = true\n" + header.read_text(encoding="utf-8"), encoding="utf-8")
+    done = run("diagnose", small, "--estimate-disturbances", "--out", tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "# from campaign small, SIMULATED" in done.stdout
+    assert "at the levels that it declares the diagnosis says 'backlash'" in done.stdout
+    assert set(tomllib.loads(done.stdout)) == {"nuisance"}
+    printed = json.loads(run("diagnose", small, "--estimate-disturbances", "--json").stdout)
+    assert (printed["simulated"], printed["verdict_at_declared_levels"]) == (True, "backlash")
 
 
 def test_json_names_the_effect_its_place_and_its_size(run, folder, tmp_path, request):

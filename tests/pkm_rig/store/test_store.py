@@ -2,12 +2,14 @@ from __future__ import annotations
 
 import sqlite3
 import threading
+from dataclasses import replace
 
 import pytest
 import sqlalchemy as sa
 from sqlalchemy import event
 
 from calibration.base.errors import InputError
+from calibration.recording.header import DeclaredLevels
 from pkm_rig.errors import StoreError
 from pkm_rig.store.store import Store
 from tests.pkm_rig.plant_recording import record
@@ -31,6 +33,13 @@ def test_what_goes_in_comes_out(store, recording):
     assert again.file == recording.file
     assert all((again.columns[n] == recording.columns[n]).all() for n in recording.columns)
     assert store.campaigns()[0][3] == len(recording)
+
+
+def test_levels_that_are_not_declared_stay_so(store, recording):
+    levels = DeclaredLevels(drift_m=3e-6)  # its default, but declared
+    store.add_recording(replace(recording, file=recording.file.model_copy(update={"nuisance": levels})))
+    found = store.recording(recording.file.campaign).file.nuisance
+    assert (found.model_fields_set, found) == ({"drift_m"}, levels)
 
 
 def test_one_phase_comes_out_alone(store, recording):

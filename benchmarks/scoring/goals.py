@@ -34,6 +34,7 @@ ALIKE_SIGMA = 0.3  # an effect so near to the true one equals it
 MOST_CLASS = 1.4
 WORST_OF = 25  # an effect of fewer cases is not judged by itself
 SURE, GROSS_SURE = 0.99, 0.9
+SURE_OF_EFFECT = 0.85  # which form it has is never known better than to 0.93 or so
 USUAL_S, LONG_S, LONGEST_S = 1.0, 3.0, 8.0  # of a diagnosis: median, most of them, all
 WORTH = 1.0  # sigma, visible: where a shrink says something
 
@@ -120,8 +121,11 @@ def pairs(rows: Sequence[Row]) -> list[Measure]:
 def probabilities(rows: Sequence[Row]) -> list[Measure]:
     """Whether stated probabilities are those of being right, over all cases with one right answer."""
     stated, hits = [float(r["p"]) for r in rows], [overall_right(r) for r in rows]
+    sure_of_effect = [overall_right(r) for r in rows if called(r) and r["p"] > SURE_OF_EFFECT]
     return [
         *stated_and_right(stated, hits),
+        share("  of these called none", [r["verdict"] == NONE for r in rows if r["p"] > SURE]),
+        share(f"  right when an effect is named with p > {SURE_OF_EFFECT}", sure_of_effect),
         share(
             f"  right when called unknown with p > {SURE}",
             [overall_right(r) for r in rows if r["verdict"] == UNKNOWN and r["p"] > SURE],
@@ -137,6 +141,10 @@ def crosswise(rows: Sequence[Row], settings: VerdictSettings) -> list[Measure]:
     excess, low, high = excess_calibration_error(np.array([r["p"] for r in judged]), np.array(hits, dtype=np.float64))
     return [
         share("by constants fitted without such cases: right", hits),
+        share(
+            "  visible single effects named right by these",
+            [hit for r, hit in zip(judged, hits, strict=True) if r["kind"] == "effect"],
+        ),
         plain("  calibration error beyond chance by these", (excess if hits else None, low, high, len(hits))),
         mean(
             "  log score by these",

@@ -105,11 +105,33 @@ def test_the_same_cases_are_judged_by_constants_that_have_not_seen_them():
     ]
     settings = replace(VERDICT, none_prior_log_odds=3.0)
     by_name = {m.name.strip(): m for m in goals.crosswise([*rows, rows[0] | {"declared": "not"}], settings)}
+    singles = by_name.pop("visible single effects named right by these")
+    assert (singles.n, singles.value) == (0, None)
     assert all(m.goal == "" and m.n == 40 for m in by_name.values())
     assert by_name["by constants fitted without such cases: right"].value == pytest.approx(0.75)
     p_none = np.array([1.0 - 1.0 / (1.0 + np.exp(3.0 - e)) for e in (4.0, 0.0, 0.0, 0.0)])
     assert by_name["log score by these"].value == pytest.approx(-np.mean(np.log(p_none)), rel=1e-6)
     assert goals.crosswise([], settings)[0].value is None
+    explained = {"explained": 30.0, "log_evidence": {"latency": 30.0, "backlash": 2.0}}
+    effects = [
+        {"kind": "effect", "eligible": True, "true": [name], "verdict": "none", "evidence": evidence | explained}
+        for name in ("latency", "latency", "backlash")
+    ]
+    by_name = {m.name.strip(): m for m in goals.crosswise([*rows, *effects], settings)}
+    singles = by_name["visible single effects named right by these"]
+    assert (singles.n, singles.value) == (3, pytest.approx(2.0 / 3.0))
+
+
+def test_what_is_sure_is_told_apart_by_what_it_says():
+    def row(verdict, p, true):
+        kind = {"null": "null", "outside": "outside"}.get(true, "effect")
+        return {"kind": kind, "eligible": True, "true": [true], "verdict": verdict, "p": p}
+
+    rows = [row("none", 0.995, "null"), row("none", 0.995, "null"), row("unknown", 0.995, "outside")]
+    rows += [row("backlash", 0.9, "backlash"), row("backlash", 0.9, "latency"), row("backlash", 0.8, "latency")]
+    by_name = {m.name.strip(): (m.value, m.n) for m in goals.probabilities(rows)}
+    assert by_name["of these called none"] == (pytest.approx(2.0 / 3.0), 3)
+    assert by_name["right when an effect is named with p > 0.85"] == (0.5, 2)
 
 
 def test_the_worst_effect_is_that_of_25_cases_or_more():

@@ -1,9 +1,9 @@
-"""The evidence that an effect is at all of its places, and at all of them alike.
+"""The evidence that an effect is at all of its places, in one form.
 
 Parts of one kind that stand in one hall, carry one load and are as old as each other often err alike: all struts are
 warmer than their sensor, all columns sink. At a single place such an effect may leave too little to be seen, so that a
 search that takes one place after the other never begins. The coefficients at the places have the covariance
-rho 11' + (1 - rho) I: a common one and a smaller one at each place.
+rho 11' + (1 - rho) I: none in common, a common one and a smaller one at each place, or a common one only.
 """
 
 from __future__ import annotations
@@ -20,8 +20,11 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
-CORRELATION = 0.9  # of coefficients at two places
-MOST_COLUMNS = 8  # of a basis set: more are any function, which is another at each place
+CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
+MOST_COLUMNS = 15  # of a basis set: more are any function, which is another at each place
+LIKELIEST = (
+    4  # sets that get coefficients of each place: by what they explain with common ones, and at each place alone
+)
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,65 @@ class AlikeAtAllPlaces:
     parts: tuple[PartAlike, ...]
 
 
+def alike_at_all_places(
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    effect: Effect,
+    low: float,
+    at_each: Sequence[Array],
+) -> AlikeAtAllPlaces | None:
+    """None where its places have no basis sets in common; low: its smallest size; at_each: log evidence (s,) of its
+    basis sets at each place alone."""
+    names = effect.places(inputs.machine)
+    built = [effect.basis_sets(inputs, place) for place in range(len(names))]
+    _, joined = inputs.once(("alike", id(effect)), lambda: (effect, _joined(built)))
+    if joined is None:
+        return None
+    columns = likelihood.kept_information_and_score(joined.columns)
+    in_common = evidence_of_basis_sets(columns, joined.sets, low, effect.size.high)
+    found = [_Spread(k, one.basis_set.weight, 1.0, one) for k, one in zip(joined.numbers, in_common, strict=True)]
+    alone = np.sum(at_each, axis=0)
+    for number in {
+        *(each.number for each in sorted(found, key=lambda each: -each.evidence.log_evidence)[:LIKELIEST]),
+        *sorted(joined.numbers, key=lambda k: -alone[k])[:LIKELIEST],
+    }:
+        found += _spread_over_places(likelihood, built, number, low, effect.size.high)
+    # Sets that are left out here have their share of the prior at a single place too.
+    every = max(1.0, sum(basis_set.weight for basis_set in built[0].sets)) * len(CORRELATIONS)
+    logs = np.array([each.evidence.log_evidence + math.log(each.weight / every) for each in found])
+    likeliest = found[int(np.argmax(logs))]
+    parts = [
+        likeliest.part_at(place, name, at_place)
+        for place, (name, at_place) in enumerate(zip(names, built, strict=True))
+    ]
+    return AlikeAtAllPlaces(float(log_sum(logs)), tuple(parts))
+
+
+@dataclass(frozen=True)
+class _Spread:
+    """The evidence of a basis set at all places: coefficients of each, if they are not all the same, then common ones,
+    if they are correlated."""
+
+    number: int
+    weight: float
+    correlation: float
+    evidence: BasisSetEvidence
+
+    def part_at(self, place: int, name: str, built: BasisSets) -> PartAlike:
+        """What belongs to one place: the sum of its own coefficients and of the common ones."""
+        basis_set = built.sets[self.number]
+        k = len(basis_set.columns)
+        sums = np.zeros((k, len(self.evidence.coefficients)))
+        if self.correlation < 1.0:
+            sums[:, k * place : k * (place + 1)] = np.eye(k)
+        if self.correlation > 0.0:
+            sums[:, -k:] += np.eye(k)
+        covariance: Array = sums @ self.evidence.covariance @ sums.T
+        found = self.evidence
+        best = BasisSetEvidence(basis_set, found.log_evidence, found.size, sums @ found.coefficients, covariance)
+        return PartAlike(name, best, tuple(built.contributions[c] for c in basis_set.columns))
+
+
 @dataclass(frozen=True)
 class _Joined:
     """Basis sets of few columns that all places have, by their numbers there, and their columns at all places at
@@ -49,35 +111,6 @@ class _Joined:
     numbers: tuple[int, ...]
     sets: tuple[BasisSet, ...]
     columns: ColumnsByChannel
-
-
-def alike_at_all_places(
-    likelihood: MarginalLikelihood, inputs: EffectInputs, effect: Effect, low: float
-) -> AlikeAtAllPlaces | None:
-    """None where its places have no basis sets in common; low: its smallest size."""
-    names = effect.places(inputs.machine)
-    built = [effect.basis_sets(inputs, place) for place in range(len(names))]
-    _, joined = inputs.once(("alike", id(effect)), lambda: (effect, _joined(built)))
-    if joined is None:
-        return None
-    columns = likelihood.kept_information_and_score(joined.columns)
-    evidence = evidence_of_basis_sets(columns, joined.sets, low, effect.size.high)
-    weights = np.array([basis_set.weight for basis_set in joined.sets])
-    # Sets of many columns, which are left out here, have their share of the prior at a single place too.
-    weights /= max(1.0, sum(basis_set.weight for basis_set in built[0].sets))
-    logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
-    likeliest = int(np.argmax(logs))
-    number = joined.numbers[likeliest]
-    own = [
-        tuple(at_place.contributions[c] for c in at_place.sets[number].columns) for at_place in built
-    ]  # (places, columns)
-    spread = _spread_over_places(likelihood, joined.sets[likeliest], own, low, effect.size.high)
-    gain = max(spread.log_evidence - evidence[likeliest].log_evidence, 0.0)
-    parts = [
-        PartAlike(name, _at_place(spread, at_place.sets[number], place), own[place])
-        for place, (name, at_place) in enumerate(zip(names, built, strict=True))
-    ]
-    return AlikeAtAllPlaces(float(log_sum(logs)) + gain - math.log(2.0), tuple(parts))
 
 
 def _joined(built: Sequence[BasisSets]) -> _Joined | None:
@@ -101,27 +134,18 @@ def _joined(built: Sequence[BasisSets]) -> _Joined | None:
 
 
 def _spread_over_places(
-    likelihood: MarginalLikelihood,
-    basis_set: BasisSet,
-    own: Sequence[tuple[Contributions, ...]],
-    low: float,
-    high: float,
-) -> BasisSetEvidence:
-    """The basis set with common coefficients, then with those of each place; own: the columns at each."""
+    likelihood: MarginalLikelihood, built: Sequence[BasisSets], number: int, low: float, high: float
+) -> list[_Spread]:
+    """A basis set with coefficients of each place, by their correlation."""
+    basis_set = built[0].sets[number]
+    own = [[at_place.contributions[c] for c in at_place.sets[number].columns] for at_place in built]
     common = [tuple(part for column in alike for part in column) for alike in zip(*own, strict=True)]
-    columns = [*common, *(column for at_place in own for column in at_place)]
-    shared, apart = math.sqrt(CORRELATION), math.sqrt(1.0 - CORRELATION)
-    relative = (*(shared * r for r in basis_set.relative), *(apart * r for r in basis_set.relative * len(own)))
-    spread = replace(basis_set, columns=tuple(range(len(columns))), relative=relative, sign=0.0)
-    (evidence,) = evidence_of_basis_sets(likelihood.information_and_score(columns), [spread], low, high)
-    return evidence
-
-
-def _at_place(spread: BasisSetEvidence, basis_set: BasisSet, place: int) -> BasisSetEvidence:
-    """What belongs to one place: the sum of the common coefficients and of its own."""
-    k = len(basis_set.columns)
-    sums = np.zeros((k, len(spread.coefficients)))
-    sums[:, :k] = np.eye(k)
-    sums[:, k * (place + 1) : k * (place + 2)] = np.eye(k)
-    covariance: Array = sums @ spread.covariance @ sums.T
-    return BasisSetEvidence(basis_set, spread.log_evidence, spread.size, sums @ spread.coefficients, covariance)
+    columns = [*(column for at_place in own for column in at_place), *common]
+    at_places = basis_set.relative * len(own)
+    sets, correlations = [], [correlation for correlation in CORRELATIONS if correlation < 1.0]
+    for correlation in correlations:
+        relative = [math.sqrt(1.0 - correlation) * r for r in at_places]
+        relative += [math.sqrt(correlation) * r for r in basis_set.relative if correlation > 0.0]
+        sets.append(replace(basis_set, columns=tuple(range(len(relative))), relative=tuple(relative), sign=0.0))
+    found = evidence_of_basis_sets(likelihood.information_and_score(columns), sets, low, high)
+    return [_Spread(number, basis_set.weight, *each) for each in zip(correlations, found, strict=True)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from calibration.effects.departures import VISIT
 OTHER_FORMS, OTHER_FORMS_SHARE = 1, 0.3  # from how many departures are tried too; of the best one's log evidence
 PERIOD_DIGITS = 2  # of a period's logarithm, to which waves are told apart
 ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
+ALIKE_SHARE = 0.2  # of the strongest effect's log evidence: together places explain more than the sum of each alone
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,7 @@ def rank_effects(
     law_leads = leader is not None and bool(leader[0].curves_at(inputs, 0))
     causes = []
     for effect, places in by_effect:
-        alike = _alike(likelihood, inputs, effect, places, threshold)
+        alike = _alike(likelihood, inputs, effect, places, max(VERDICT.detection_threshold, ALIKE_SHARE * strongest))
         # Where a nonlinear law leads, the basis sets of another one say little of what its curve explains.
         rival = law_leads and bool(effect.curves_at(inputs, 0))
         least = VERDICT.detection_threshold if rival else threshold
@@ -170,7 +171,8 @@ def _alike(
     alone = [place.log_evidence + math.log(len(names)) for place in places]
     if len(alone) < len(names) or sum(max(log, 0.0) for log in alone) <= least:
         return None
-    return alike_at_all_places(likelihood, inputs, effect, smallest_size(likelihood, effect))
+    low = smallest_size(likelihood, effect)
+    return alike_at_all_places(likelihood, inputs, effect, low, [place.of_sets for place in places])
 
 
 def _or_alike(cause: Cause, alike: AlikeAtAllPlaces | None) -> Cause:
@@ -197,7 +199,7 @@ class _PlaceEvidence:
     the log evidence smooth departures from the form add.
 
     form: that all of its main columns are, if they are one. others: the same for the likeliest basis sets of other
-    forms or periods, which may be likelier once they depart.
+    forms or periods, which may be likelier once they depart. of_sets (s,): log evidence of each basis set.
     """
 
     place: str
@@ -207,6 +209,7 @@ class _PlaceEvidence:
     departure_gain: float = 0.0
     form: str = ""
     others: tuple[_PlaceEvidence, ...] = ()
+    of_sets: Array = field(default_factory=lambda: np.zeros(0))
 
     @classmethod
     def of_set(cls, place: str, built: BasisSets, log_evidence: float, entry: BasisSetEvidence) -> _PlaceEvidence:
@@ -230,14 +233,15 @@ def _evidence_by_place(
         weights = np.array([entry.basis_set.weight for entry in evidence])
         # Weights that add up to less than one leave the remainder to basis sets that were not listed.
         weights /= max(1.0, float(weights.sum()))
-        logs = np.array([entry.log_evidence for entry in evidence]) + np.log(weights)
+        of_sets = np.array([entry.log_evidence for entry in evidence])
+        logs = of_sets + np.log(weights)
         judge_courses(evidence, logs)
         logs -= np.log(len(names))
         others = tuple(
             _PlaceEvidence.of_set(name, built, float(logs[k]), evidence[k]) for k in _other_forms(effect, built, logs)
         )
         best = _PlaceEvidence.of_set(name, built, float(log_sum(logs)), evidence[int(np.argmax(logs))])
-        out.append(replace(best, others=others))
+        out.append(replace(best, others=others, of_sets=of_sets))
     return out
 
 

@@ -92,6 +92,8 @@ def _add_thermal_sets(
     sets.add_set(course, weight=FINE_WEIGHT, size=rises_of_walk(FINE_TERMS))
     if (mixed := _mixed(inputs, part)) is not None:
         sets.add_set(sets.add_along(contributions, mixed), weight=CURVE_WEIGHT)
+    if own := inputs.context.relative_changes([inputs.machine.sensors[part]], (0.0,)):
+        sets.add_set(sets.add_along(contributions, own[0][0]), weight=CURVE_WEIGHT)
     if heats:
         sets.add_set(sets.add_along(contributions, np.column_stack(heats)), weight=HEAT_WEIGHT)
 
@@ -170,6 +172,8 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(whichever_end_stays(np.column_stack([heat for heat, _ in of_torque])), weight=HEAT_WEIGHT)
     if (mixed := _mixed(inputs, "drives")) is not None:
         sets.add_set(whichever_end_stays(mixed), weight=CURVE_WEIGHT)
+    if own := inputs.context.relative_changes([inputs.machine.sensors["drives"]], (0.0,)):
+        sets.add_set(whichever_end_stays(own[0][0][:, None]), weight=CURVE_WEIGHT)
     t = inputs.context.elapsed_s
     for tau in TIME_CONSTANTS_S:
         sets.add_set(whichever_end_stays((1.0 - np.exp(-t / tau))[:, None]), size=(1.0, 1.0), tau_s=tau)

@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.diagnosis import ranking
-from calibration.diagnosis.alike_places import CORRELATION, alike_at_all_places
+from calibration.diagnosis import alike_places, ranking
+from calibration.diagnosis.alike_places import CORRELATIONS, alike_at_all_places
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import rank_effects, smallest_size
 from calibration.diagnosis.search import search_causes
+from calibration.diagnosis.settings import VERDICT
 from calibration.effects.catalogue import load_catalogue
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import plant, recorded
@@ -36,33 +37,45 @@ def warm():
     return measured(2.0, 2.0, 2.0, 2.0)
 
 
-def test_evidence_is_that_of_correlated_places_and_one_basis_set(warm):
+def only_set(number):
+    """The growth of struts with a single one of its basis sets."""
+
+    def forms(of, place):
+        built = GROWTH.forms(of, place)
+        built.sets = [replace(built.sets[number], weight=1.0)]
+        return built
+
+    return replace(GROWTH, forms=forms)
+
+
+def correlated(columns, relative, correlation, size):
+    """Log evidence and mean coefficients of columns at four places, from their prior covariance."""
+    covariance = size**2 * np.kron(
+        correlation * np.ones((4, 4)) + (1.0 - correlation + 1e-9) * np.eye(4), np.diag(np.square(relative))
+    )
+    precision = np.linalg.inv(covariance) + columns.information
+    mean = np.linalg.solve(precision, columns.score)
+    grown = np.eye(len(mean)) + covariance @ columns.information
+    return 0.5 * columns.score @ mean - 0.5 * np.linalg.slogdet(grown)[1], mean
+
+
+@pytest.mark.parametrize("columns", [1, 6])
+def test_evidence_is_that_of_correlated_places_and_one_basis_set(warm, columns):
     likelihood, inputs = warm
-    (basis_set, *_), low = (GROWTH.basis_sets(inputs, 0).sets, smallest_size(likelihood, GROWTH))
-    only = replace(GROWTH, forms=lambda of, place: first_set(GROWTH.forms(of, place)))
-    found = alike_at_all_places(likelihood, inputs, only, low)
-    at_place = [GROWTH.basis_sets(inputs, place).contributions[basis_set.columns[0]] for place in range(4)]
-    columns = likelihood.information_and_score(at_place)
-
-    def log_evidence(covariance) -> float:
-        """Mean over the sizes that are tried, with a prior covariance (4, 4) for a size of one."""
-        logs = []
-        for size in low * (GROWTH.size.high / low) ** np.linspace(0.0, 1.0, 9):
-            precision = np.linalg.inv(size**2 * covariance)
-            gain = columns.score @ np.linalg.solve(precision + columns.information, columns.score)
-            logs.append(0.5 * gain - 0.5 * np.linalg.slogdet(np.eye(4) + size**2 * covariance @ columns.information)[1])
-        return float(np.logaddexp.reduce(logs)) - math.log(9)
-
-    ones = np.ones((4, 4))
-    spread = log_evidence(CORRELATION * ones + (1.0 - CORRELATION) * np.eye(4))
-    common = log_evidence(ones + 1e-9 * np.eye(4))
-    assert found.log_evidence == pytest.approx(max(spread, common) - math.log(2.0), abs=1e-4)
+    low, sets = smallest_size(likelihood, GROWTH), GROWTH.basis_sets(inputs, 0).sets
+    number = next(k for k, each in enumerate(sets) if len(each.columns) == columns)
+    found = alike_at_all_places(likelihood, inputs, only_set(number), low, [np.zeros(1)] * 4)
+    at_place = [GROWTH.basis_sets(inputs, place).contributions for place in range(4)]
+    columns = likelihood.information_and_score([each[c] for each in at_place for c in sets[number].columns])
+    sizes = low * (GROWTH.size.high / low) ** np.linspace(0.0, 1.0, 9)
+    logs = np.array(
+        [[correlated(columns, sets[number].relative, rho, size)[0] for size in sizes] for rho in CORRELATIONS]
+    )
+    assert found.log_evidence == pytest.approx(np.logaddexp.reduce(logs.ravel()) - math.log(logs.size), abs=1e-3)
     assert [part.place for part in found.parts] == list(STRUTS)
-
-
-def first_set(built):
-    built.sets = [replace(built.sets[0], weight=1.0)]
-    return built
+    likeliest = CORRELATIONS[int(np.argmax(np.logaddexp.reduce(logs, axis=1)))]
+    _, mean = correlated(columns, sets[number].relative, likeliest, found.parts[0].best.size)
+    np.testing.assert_allclose(np.concatenate([part.best.coefficients for part in found.parts]), mean, atol=1e-4)
 
 
 def test_what_all_struts_do_is_told_where_no_single_one_shows_it(warm):
@@ -77,6 +90,33 @@ def test_what_all_struts_do_is_told_where_no_single_one_shows_it(warm):
     assert len(found.causes) == 4  # none of them is lost where each is asked for beside the others
     for part in found.causes:
         assert part.best.coefficients[0] == pytest.approx(2.0, abs=4.0 * math.sqrt(part.best.covariance[0, 0]) + 0.5)
+
+
+@pytest.mark.parametrize(("strongest", "asked"), [(400.0, True), (1500.0, False)])
+def test_all_places_are_asked_for_though_the_sum_of_each_alone_is_far_below_the_strongest(warm, strongest, asked):
+    """Each alone has less than what all have together: 187 and 324."""
+    likelihood, inputs = warm
+    (cause,) = rank_effects(likelihood, inputs, [GROWTH], explained=strongest / VERDICT.min_gain_share)
+    assert cause.alike is asked
+
+
+def test_own_coefficients_are_tried_of_what_explains_most_in_common_or_at_each_place(warm, monkeypatch):
+    likelihood, inputs = warm
+    low, tried, real = smallest_size(likelihood, GROWTH), [], alike_places._spread_over_places
+    monkeypatch.setattr(alike_places, "LIKELIEST", 1)
+    monkeypatch.setattr(
+        alike_places,
+        "_spread_over_places",
+        lambda of, built, number, *rest: tried.append(number) or real(of, built, number, *rest),
+    )
+    count = len(GROWTH.basis_sets(inputs, 0).sets)
+    at_each = [np.eye(count)[1]] * 4
+    found = alike_at_all_places(likelihood, inputs, GROWTH, low, at_each)
+    assert len(tried) == 2
+    assert 1 in tried
+    for number in tuple(tried):
+        alone = alike_at_all_places(likelihood, inputs, only_set(number), low, [np.zeros(1)] * 4)
+        assert found.log_evidence > alone.log_evidence - math.log(14.0)
 
 
 def test_no_place_is_lost_that_has_little_beside_the_others():
@@ -101,4 +141,4 @@ def test_places_without_the_same_basis_sets_are_not_alike(warm):
         built.sets = built.sets[next(calls) % 2 :]
         return built
 
-    assert alike_at_all_places(likelihood, inputs, replace(GROWTH, forms=forms), 0.1) is None
+    assert alike_at_all_places(likelihood, inputs, replace(GROWTH, forms=forms), 0.1, [np.zeros(1)] * 4) is None

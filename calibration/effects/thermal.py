@@ -60,6 +60,13 @@ def _mixed(inputs: EffectInputs, part: str) -> Array | None:
     return np.stack([change for change, _ in changes], axis=1) if changes else None
 
 
+def _of_own_sensor(inputs: EffectInputs, part: str) -> Array | None:
+    """Change (n,) of a part's own sensor over its range, of which it may grow by more or less than is stated: at each
+    place another share. None if it hardly varies."""
+    changes = inputs.context.relative_changes([inputs.machine.sensors[part]], (0.0,))
+    return changes[0][0] if changes else None
+
+
 def _on_part(inputs: EffectInputs, part: str) -> list[str]:
     """Sensors that by their names are on a part."""
     words = SENSOR_WORDS[part]
@@ -92,8 +99,8 @@ def _add_thermal_sets(
     sets.add_set(course, weight=FINE_WEIGHT, size=rises_of_walk(FINE_TERMS))
     if (mixed := _mixed(inputs, part)) is not None:
         sets.add_set(sets.add_along(contributions, mixed), weight=CURVE_WEIGHT)
-    if own := inputs.context.relative_changes([inputs.machine.sensors[part]], (0.0,)):
-        sets.add_set(sets.add_along(contributions, own[0][0]), weight=CURVE_WEIGHT)
+    if (own := _of_own_sensor(inputs, part)) is not None:
+        sets.add_set(sets.add_along(contributions, own), weight=CURVE_WEIGHT)
     if heats:
         sets.add_set(sets.add_along(contributions, np.column_stack(heats)), weight=HEAT_WEIGHT)
 
@@ -172,8 +179,8 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(whichever_end_stays(np.column_stack([heat for heat, _ in of_torque])), weight=HEAT_WEIGHT)
     if (mixed := _mixed(inputs, "drives")) is not None:
         sets.add_set(whichever_end_stays(mixed), weight=CURVE_WEIGHT)
-    if own := inputs.context.relative_changes([inputs.machine.sensors["drives"]], (0.0,)):
-        sets.add_set(whichever_end_stays(own[0][0][:, None]), weight=CURVE_WEIGHT)
+    if (own := _of_own_sensor(inputs, "drives")) is not None:
+        sets.add_set(whichever_end_stays(own[:, None]), weight=CURVE_WEIGHT)
     t = inputs.context.elapsed_s
     for tau in TIME_CONSTANTS_S:
         sets.add_set(whichever_end_stays((1.0 - np.exp(-t / tau))[:, None]), size=(1.0, 1.0), tau_s=tau)

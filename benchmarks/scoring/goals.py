@@ -61,7 +61,10 @@ def singles(rows: Sequence[Row]) -> list[Measure]:
     by_name = {name: [right(r) for r in rows if r["true"][0] == name] for name in often}
     return [
         share("visible single effects named right", [right(r) for r in rows], 0.90),
-        *worst(lambda name: f"  worst effect of {WORST_OF} cases or more ({name})", by_name, 0.70),
+        *(
+            worst(lambda name: f"  worst effect of {WORST_OF} cases or more ({name})", by_name, 0.70)
+            or [share(f"  worst effect: none has {WORST_OF} cases", [])]
+        ),
         share("  class holds the truth", [in_class(r) for r in rows]),
         class_size("  mean class size", rows),
         share("  truth among the first three", [r["true"][0] in first_names(r, 3) for r in rows], 0.97),

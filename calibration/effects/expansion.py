@@ -19,6 +19,7 @@ COEFFICIENT_WEIGHT = (
     0.006  # of each form: a material is stated wrongly more rarely than a part is warmer than its sensor
 )
 LATE_SHARE = 0.3  # of it: for growth that lags behind the sensor, or is no straight line over it
+MIXED_SHARE = 0.1  # of it: for parts of several materials, since parts that are warmed unlike are far more frequent
 PARTS_OF_COLUMNS = ("base", "drives")  # whose sensors may be on them
 UPRIGHT_M = 0.5  # standard deviation of the height at which a column stays upright
 LAYERS = 1.5  # of curvature, over difference of coefficients and width, of two layers alike
@@ -64,7 +65,7 @@ def _add_mixed_materials(sets: BasisSets, inputs: EffectInputs, part: str, above
     else:
         return
     each = [sets.add((channel, length_m * above_k)) for channel, length_m in lengths.items()]
-    weight = LATE_SHARE * COEFFICIENT_WEIGHT
+    weight = MIXED_SHARE * COEFFICIENT_WEIGHT
     for own in each:
         sets.add_set(own, weight=weight / len(each))
     sets.add_set([c for own in each for c in own], weight=weight)

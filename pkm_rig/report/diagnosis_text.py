@@ -106,18 +106,19 @@ def describe_diagnosis(
         parts += [_line(f"- {name}: {reason}") for name, reason in diagnosis.not_tested.items()]
     parts += [_line(f"note: {remark}") for remark in diagnosis.remarks]
     parts += [_line(line) for line in left_out_lines([r.as_dict() for r in diagnosis.left_out], SHOWN)]
+    then: list[RenderableType] = []
     if diagnosis.next_measurement:
         parts += [_title("measure next, by expected information"), _candidates(additions_by_gain(diagnosis))]
         files = [(c["name"], c["file"], c["gain_bit"]) for c in result["next_measurement"] if c["file"]]
         parts += [_line(f"- {name}: {file}") for name, file, _ in files]
         worth = [file for _, file, gain_bit in files if gain_bit >= WORTH_MEASURING_BIT]
         if worth:
-            parts.append(_line(_measure_line(worth[0], measure_with)))
+            then.append(_line(_measure_line(worth[0], measure_with)))
     if result["twin"] is not None:
         parts += _twin(result["twin"])
     if result["pictures"]:
         parts.append(_line(f"\npictures: {', '.join(result['pictures'].values())}"))
-    return Group(*parts)
+    return Group(*parts, *then)  # a command to be typed stands last
 
 
 def _measure_line(file: str, measure_with: str | None) -> str:

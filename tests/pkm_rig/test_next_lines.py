@@ -101,7 +101,8 @@ def diagnosis_of(campaign, rig_file):
         measure_with = measure_more(store, campaign, out)
     page = io.StringIO()
     console = Console(file=page, width=500)
-    console.print(describe_diagnosis(found, diagnosis_json(found, files), measure_with))
+    result = diagnosis_json(found, files) | {"pictures": {"error-map": "error-map.png"}}
+    console.print(describe_diagnosis(found, result, measure_with))
     return page.getvalue()
 
 
@@ -114,7 +115,9 @@ def test_a_campaign_is_led_from_one_command_to_the_next(run, interrupted, follow
     listed = json.loads(run("list", "--out", "my runs", "--json").stdout)["campaigns"]
     assert len(listed) == 1
 
-    measured_more = follow(diagnosis_of(listed[0]["campaign"], rig_file), "next: ")
+    printed = diagnosis_of(listed[0]["campaign"], rig_file)
+    assert printed.splitlines()[-1].startswith("next: ")
+    measured_more = follow(printed, "next: ")
     assert measured_more.returncode == 0, measured_more.stderr
     assert len(json.loads(run("list", "--out", "my runs", "--json").stdout)["campaigns"]) == 1  # the same campaign
 

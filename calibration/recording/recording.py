@@ -176,11 +176,18 @@ def _check_names(recording: Recording) -> None:
     for phase in sorted(set(recording["phase"].tolist()) - set(PHASES)):
         raise _input_error(recording, f"unknown phase '{phase}'; known: {', '.join(PHASES)}")
     known_names = {smr.name for smr in recording.machine.smrs}
-    for smr in sorted(set(recording["smr"].tolist()) - known_names):
-        raise _input_error(recording, f"SMR '{smr}' is not in its machine file")
+    for row, smr in enumerate(recording["smr"].tolist(), start=1):
+        if smr not in known_names:
+            raise _input_error(
+                recording,
+                f"row {row}: SMR '{smr[:20]}' is not in its machine file; correct its name, or add it there",
+            )
     payload = recording["payload"]
-    if np.any((payload < 0) | (payload >= len(recording.file.payloads))):
-        raise _input_error(recording, "a payload number is not in its list of payloads")
+    if (unlisted := np.flatnonzero((payload < 0) | (payload >= len(recording.file.payloads)))).size:
+        row, number = unlisted[0], payload[unlisted[0]]
+        raise _input_error(recording, f"row {row + 1}: payload {number:g} is not listed; add it to [[payloads]]")
     listed = np.array([p.mass_kg for p in recording.file.payloads])[payload.astype(int)]
-    if np.any(np.abs(listed - recording["payload_mass_kg"]) > 1e-6):
-        raise _input_error(recording, "payload_mass_kg contradicts [[payloads]]; correct one of them")
+    if (other := np.flatnonzero(np.abs(listed - recording["payload_mass_kg"]) > 1e-6)).size:
+        raise _input_error(
+            recording, f"row {other[0] + 1}: payload_mass_kg contradicts [[payloads]]; correct one of them"
+        )

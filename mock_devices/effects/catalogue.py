@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection
+from difflib import get_close_matches
 
 import numpy as np
 
@@ -96,8 +97,9 @@ def spec_of(name: str) -> EffectSpec:
     try:
         return SPECS[name]
     except KeyError:
-        known = (*CATALOGUE, *GEOMETRY, *OUTSIDE, *OUTSIDE_FINAL)
-        raise EffectError(f"unknown effect '{name}'; known: {', '.join(known)}") from None
+        near = get_close_matches(name, SPECS, n=1)
+        meant = f"is '{near[0]}' meant? " if near else ""
+        raise EffectError(f"unknown effect '{name}'; {meant}docs/reference/mock-effects.md has all") from None
 
 
 def check(choice: EffectChoice, machine: MachineFile, *, any_size: bool = False) -> EffectSpec:

@@ -344,6 +344,10 @@ def find_recording(name: str, out: Path, *, by_sequence: bool = False) -> Record
     if folder.is_dir():
         return read_folder(folder, by_sequence=by_sequence)
     require_file_or_folder(folder)
+    if folder.is_file():
+        raise InputError(f"'{name}' is a file; give the folder that it lies in, or a campaign's id")
+    if folder.name != name:  # a path, as no id is
+        raise InputError(f"there is no folder '{name}'; check the path, or give a campaign's id")
     if not has_store(out):
         raise InputError(f"'{name}' is no recording folder, and there is no store in {out}; give --out")
     with open_existing_store(out) as store:

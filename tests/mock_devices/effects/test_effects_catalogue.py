@@ -166,7 +166,8 @@ def test_choices_are_read_from_one_line():
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("nope=1", "unknown effect 'nope'"),
+        ("nope=1", "unknown effect 'nope'; docs/reference/mock-effects.md has all"),
+        ("backlsh=1", "unknown effect 'backlsh'; is 'backlash' meant"),
         ("backlash", "give its width_m"),
         ("backlash=wide", "not a number"),
         ("backlash=1", "out of range"),

@@ -19,6 +19,7 @@ from calibration.diagnosis.settings import VERDICT
 from calibration.effects.catalogue import load_catalogue
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import plant, recorded
+from tests.calibration.effects.general_functions import typical_inputs
 
 GROWTH = load_catalogue().effect("link_thermal_growth")
 STRUTS = ("left_upper", "left_lower", "right_upper", "right_lower")
@@ -117,6 +118,20 @@ def test_own_coefficients_are_tried_of_what_explains_most_in_common_or_at_each_p
     for number in tuple(tried):
         alone = alike_at_all_places(likelihood, inputs, only_set(number), low, [np.zeros(1)] * 4)
         assert found.log_evidence > alone.log_evidence - math.log(14.0)
+
+
+def test_struts_that_are_warmed_unlike_are_likelier_than_struts_of_several_materials():
+    """Both say the same, each strut another share of what the sensor reads: their priors tell them apart."""
+    inputs = typical_inputs()
+    growth = GROWTH.basis_sets(inputs, 0)
+    (of_sensor,) = (s.weight for s in growth.sets if [growth.named[c] for c in s.columns] == [""])
+    expansion = load_catalogue().effect("expansion_coefficient").basis_sets(inputs, 0)
+    each = [f"length.{strut}" for strut in inputs.machine.strut_names]
+    (of_materials,) = (
+        s.weight for s in expansion.sets if [expansion.contributions[c][0][0] for c in s.columns] == each
+    )
+    every = sum(s.weight for s in growth.sets) * len(CORRELATIONS) * math.exp(ranking.ALIKE_PRIOR)
+    assert of_sensor / every > of_materials
 
 
 def test_no_place_is_lost_that_has_little_beside_the_others():

@@ -27,7 +27,7 @@ from calibration.recording.axis_recording import AxisRecording
 
 CLUES = 4
 # Tuned on simulated drives, whose reversals are sharper than a law.
-AXIS_VERDICT = replace(VERDICT, excess_share=0.1, strong_evidence=math.inf, new_form_share=0.0)
+AXIS_VERDICT = replace(VERDICT, none_prior_log_odds=7.0, excess_share=0.1, strong_evidence=math.inf, new_form_share=0.0)
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effects' models are not exact
 NO_RATIO = "the ratio is not stated: a compliance counts per unit of the motor's torque"
 
@@ -126,7 +126,7 @@ def _found(search: AxisSearch, ranking: Mapping[str, float], travel: float) -> t
         coefficients = search.after.coefficients[columns] * prior
         covariance = search.after.covariance[columns, columns] * np.outer(prior, prior)
         contribution = float(np.sqrt(max(search.without[number] ** 2 - remaining**2, 0.0)))
-        present = float(named * expit(cause.log_evidence - VERDICT.none_prior_log_odds))
+        present = float(named * expit(cause.log_evidence - AXIS_VERDICT.none_prior_log_odds))
         probability = ranking[cause.effect.name] if number == 0 else present
         size, others = _quantities(cause, coefficients, covariance, travel)
         out.append(AxisEffectFound(cause.effect.name, size, probability, contribution, others))

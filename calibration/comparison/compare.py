@@ -13,6 +13,7 @@ from calibration.comparison.candidates import CURVE_TERMS, SCREW_CURVE, candidat
 from calibration.comparison.result import ChangedQuantity, Comparison, FoundChange
 from calibration.comparison.same_machine import require_one_machine, shared_reflectors, without_tables
 from calibration.comparison.search import (
+    COMPARISON_VERDICT,
     NOTHING,
     UNKNOWN,
     Found,
@@ -30,7 +31,6 @@ from calibration.comparison.two_folders import (
 )
 from calibration.comparison.workspace import WorkspaceChanges
 from calibration.diagnosis.linear_model import usable_rows
-from calibration.diagnosis.settings import VERDICT
 from calibration.machine.description import Machine
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
@@ -138,7 +138,7 @@ def _found_change(
     if structure == verdict:
         probability = ranking[verdict]
     else:
-        probability = present * float(expit(change.log_evidence - VERDICT.none_prior_log_odds))
+        probability = present * float(expit(change.log_evidence - COMPARISON_VERDICT.none_prior_log_odds))
     return FoundChange(
         structure=structure,
         place=change.candidate.place,

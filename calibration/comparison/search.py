@@ -31,6 +31,7 @@ NOTHING, UNKNOWN = "nothing", "unknown"
 # with which `make compare-study` was measured
 COMPARISON_VERDICT = replace(
     VERDICT,
+    none_prior_log_odds=7.0,
     excess_share=0.03,
     strong_evidence=math.inf,
     excess_sharpness=3.0,

@@ -54,8 +54,9 @@ class VerdictSettings:
     """Log evidence below the strongest place's, down to which places are refined in any case. Source: as above."""
 
     # Probabilities.
-    none_prior_log_odds: float = 7.0
-    """Prior log odds of `none` against any effect at all. Source: tuned to the rate of false alarms."""
+    none_prior_log_odds: float = 8.0
+    """Prior log odds of `none` against any effect at all. Source: tuned to the rate of false alarms; fitted ones are
+    larger still, and hide small effects."""
     excess_threshold: float = 12.0
     """Excess log evidence of the best non-parametric alternative at which `unknown` is half as likely as ever. Source:
     tuned."""

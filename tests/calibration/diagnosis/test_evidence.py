@@ -202,7 +202,7 @@ def test_an_effect_is_ranked_at_the_places_where_it_can_be(small, likelihood, pl
 @pytest.mark.parametrize("planted", [(0,), (0, 1)])
 def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted, monkeypatch):
     """By dense densities: one place or both with even odds, the second given the first in its most likely size; and
-    both alike, with an eighth: of one size, or of two that are correlated."""
+    at both with an eighth: with one coefficient, or with two that are correlated or are not."""
     monkeypatch.setattr(departure_evidence, "SMOOTH_SHARES", ())
     inputs = inputs_of_readings(small, likelihood.channels, lambda *_: [], lambda *_: [])
     effect = with_forms_at(0, 1)
@@ -227,7 +227,7 @@ def test_an_effect_is_found_at_all_its_places_at_once(small, likelihood, planted
         shared = correlation * both + (1.0 - correlation) * each
         return np.logaddexp.reduce([log_density(y, c + a * a * shared) for a in sizes]) - np.log(SIZES)
 
-    alike = max(alike_over_sizes(1.0), alike_over_sizes(0.9)) - log_density(y, c) - np.log(2.0)
+    alike = np.logaddexp.reduce([alike_over_sizes(rho) for rho in (0.0, 0.9, 1.0)]) - log_density(y, c) - np.log(3.0)
     (cause,) = rank_effects(with_effect, inputs, [effect])
     assert [part.place for part in cause.parts] == [("left", "right")[place] for place in planted]
     assert all(not part.further for part in cause.parts)

@@ -111,7 +111,7 @@ def test_a_level_is_believed_up_to_what_is_likely_of_it_only(monkeypatch):
     [(1000.0, 33.0, 0.0), (1000.0, 40.0, 6.0), (9000.0, 264.0, 0.0), (9000.0, 270.0, 5.0), (0.0, 10.0, 0.0)],
 )
 def test_of_what_an_alternative_explains_only_what_makes_it_unknown_speaks_for_levels(explained, excess, more):
-    """Twelve and 0.022 of what is explained, and as much again of what is beyond 6,500; a cause must be worth seven."""
+    """Twelve and 0.022 of what is explained, and as much again of what is beyond 6,500; a cause must be worth eight."""
     result = SimpleNamespace(log_evidence=explained, excess_log_evidence=excess)
     at_levels = SearchAtLevels(None, result, np.zeros(3), log_evidence=-2.0)
-    assert at_levels.log_posterior == pytest.approx(-2.0 + max(0.0, explained - 7.0) + more)
+    assert at_levels.log_posterior == pytest.approx(-2.0 + max(0.0, explained - 8.0) + more)

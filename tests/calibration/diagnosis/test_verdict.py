@@ -23,23 +23,23 @@ from tests.calibration.diagnosis.hand_made import CATALOGUE, INPUTS, MACHINE, Ev
 E = np.e
 
 
-@pytest.mark.parametrize(("log_evidence", "likely"), [(6.9, False), (7.1, True)])
-def test_an_effect_needs_log_evidence_of_seven_to_be_likelier_than_none(log_evidence, likely):
+@pytest.mark.parametrize(("log_evidence", "likely"), [(7.9, False), (8.1, True)])
+def test_an_effect_needs_log_evidence_of_eight_to_be_likelier_than_none(log_evidence, likely):
     assert (probabilities(found(Evidence("backlash", log_evidence)))[NONE] < 0.5) is likely
 
 
 def test_what_only_an_arbitrary_function_explains_names_no_effect():
-    """Of odds of 10 against `none` by an alternative alone, an effect that explains nothing has its own exp(1 - 7)."""
-    p = probabilities(found(Evidence("backlash", 1.0), explained=0.0, excess=7.0 + np.log(10.0)))
-    unknown = (10.0 / 11.0) / (1.0 + E ** (2.5 * (12.0 - 7.0 - np.log(10.0)) / 12.0))
+    """Of odds of 10 against `none` by an alternative alone, an effect that explains nothing has its own exp(1 - 8)."""
+    p = probabilities(found(Evidence("backlash", 1.0), explained=0.0, excess=8.0 + np.log(10.0)))
+    unknown = (10.0 / 11.0) / (1.0 + E ** (2.5 * (12.0 - 8.0 - np.log(10.0)) / 12.0))
     assert p[UNKNOWN] == pytest.approx(unknown)
-    assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**6))
+    assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**7))
     assert sum(p.values()) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize(
     ("explained", "threshold", "most"),
-    [(0.0, 12.0, 1.0), (100.0, 14.2, 0.9), (1000.0, 34.0, 0.9), (9000.0, 265.0, 0.9)],
+    [(0.0, 12.0, 1.0 / (1.0 + E**-4)), (100.0, 14.2, 0.9), (1000.0, 34.0, 0.9), (9000.0, 265.0, 0.9)],
 )
 @pytest.mark.parametrize("side", [-0.1, 0.1])
 def test_unknown_is_half_as_likely_as_ever_at_twelve_and_a_share_of_what_is_explained(explained, threshold, most, side):
@@ -91,24 +91,24 @@ def test_an_overwhelming_excess_leaves_nothing_for_none():
     p = probabilities(found(Evidence("backlash", 1.0), explained=0.0, excess=1000.0))
     assert p[NONE] == pytest.approx(0.0, abs=1e-6)
     assert p[UNKNOWN] == pytest.approx(1.0 - p["backlash"])
-    assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**6))
+    assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**7))
 
 
 def test_none_at_other_levels_counts_against_the_causes_too():
-    """Nine, less eight and the prior's seven, whatever an alternative explains."""
+    """Nine, less eight and the prior's eight, whatever an alternative explains."""
     p = probabilities(found(Evidence("backlash", 9.0), excess=8.0), none_elsewhere=8.0)
-    assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**6))
+    assert p["backlash"] == pytest.approx(1.0 / (1.0 + E**7))
 
 
 def test_probabilities_without_any_effect_are_those_of_none_and_unknown():
     p = probabilities(found(excess=20.0))
     assert set(p) == {NONE, UNKNOWN}
-    assert p[UNKNOWN] == pytest.approx(1.0 / (1.0 + E ** -(20.0 - 7.0)))
+    assert p[UNKNOWN] == pytest.approx(1.0 / (1.0 + E ** -(20.0 - 8.0)))
 
 
-def test_a_further_cause_has_even_odds_at_log_evidence_of_seven():
+def test_a_further_cause_has_even_odds_at_log_evidence_of_eight():
     ranking = {"backlash": 0.8, NONE: 0.1, UNKNOWN: 0.1}
-    assert presence_probability(Evidence("latency", 7.0), ranking) == pytest.approx(0.4)
+    assert presence_probability(Evidence("latency", 8.0), ranking) == pytest.approx(0.4)
 
 
 class FourReadings:

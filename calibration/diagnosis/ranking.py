@@ -176,13 +176,18 @@ def _alike(
 
 
 def _or_alike(cause: Cause, alike: AlikeAtAllPlaces | None) -> Cause:
-    """The cause, or the same effect at all places alike if that is likelier; its evidence is that of both."""
+    """The cause, or the same effect at all places if that is likelier; its evidence is that of both.
+
+    It has to be likelier by the share that any further place must add: what all places explain a little better than one
+    may be that one's model error.
+    """
     if alike is None:
         return cause
     together = alike.log_evidence - ALIKE_PRIOR
+    if together <= cause.log_evidence + VERDICT.min_gain_share_same_part * max(cause.log_evidence, 0.0):
+        no_more = min(together, cause.log_evidence)
+        return replace(cause, log_evidence=float(np.logaddexp(cause.log_evidence, no_more)))
     log_evidence = float(np.logaddexp(cause.log_evidence, together))
-    if together <= cause.log_evidence:
-        return replace(cause, log_evidence=log_evidence)
     main, *further = (
         Cause(
             cause.effect, together / len(alike.parts), {part.place: 1.0}, part.place, part.best, part.contributions,

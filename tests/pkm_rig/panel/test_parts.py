@@ -140,7 +140,7 @@ def test_the_second_press_says_what_corrects(path, said):
 @pytest.mark.parametrize(
     ("text", "complaint"),
     [
-        ("", "no column 'target_x_m'"),
+        ("", "nothing in it; it needs a header and rows"),
         ("target_x_m,target_z_m\n0,0\n", "no column 'target_y_m'"),
         ("target_x_m,target_y_m,path\n0,0,1\n", "unknown column 'path'"),
         ("target_x_m,target_y_m\n", "no rows"),

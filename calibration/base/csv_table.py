@@ -6,7 +6,7 @@ import csv
 import difflib
 import io
 import math
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -78,6 +78,15 @@ def read_header(path: Path, reader: Iterator[list[str]], needed: Collection[str]
     return header
 
 
+def check_length(path: Path, number: int, cells: Sequence[str], header: Sequence[str]) -> None:
+    """Raise InputError for a line that has not as many cells as the header."""
+    if len(cells) != len(header):
+        raise InputError(
+            f"{path}: line {number} has {len(cells)} cells, the header {len(header)}; copy the file again, or repair "
+            "the line"
+        )
+
+
 def write_table(columns: Mapping[str, Array]) -> str:
     """The text of a CSV file; NaN becomes an empty cell."""
     text = io.StringIO()
@@ -98,11 +107,7 @@ def require_counts(path: Path, name: str, column: Array) -> Array:
 
 def _rows(path: Path, reader: Iterator[list[str]], header: list[str], empty: Collection[str]) -> Iterator[list[float]]:
     for number, cells in enumerate(reader, start=2):
-        if len(cells) != len(header):
-            raise InputError(
-                f"{path}: line {number} has {len(cells)} cells, the header {len(header)}; copy the file again, or "
-                "repair the line"
-            )
+        check_length(path, number, cells, header)
         if number > MAX_ROWS + 1:
             raise InputError(f"{path}: more than {MAX_ROWS} rows; split it")
         yield [

@@ -22,9 +22,7 @@ from calibration.effects.columns import ColumnsByChannel, Contributions
 
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
 MOST_COLUMNS = 15  # of a basis set: more are any function, which is another at each place
-LIKELIEST = (
-    4  # sets that get coefficients of each place: by what they explain with common ones, and at each place alone
-)
+LIKELIEST = 4  # sets, by what they explain with common coefficients and at each place alone, that get their own ones
 
 
 @dataclass(frozen=True)

@@ -176,11 +176,8 @@ def _alike(
 
 
 def _or_alike(cause: Cause, alike: AlikeAtAllPlaces | None) -> Cause:
-    """The cause, or the same effect at all places if that is likelier; its evidence is that of both.
-
-    It has to be likelier by the share that any further place must add: what all places explain a little better than one
-    may be that one's model error.
-    """
+    """The cause, or the same effect at all places if that is likelier by what any further place must add, since a
+    little more may be the model error of one; its evidence is that of both."""
     if alike is None:
         return cause
     together = alike.log_evidence - ALIKE_PRIOR

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from pydantic import Field
 
-from calibration.base.csv_table import MAX_CSV_BYTES, MAX_ROWS, read_header
+from calibration.base.csv_table import MAX_CSV_BYTES, MAX_ROWS, check_length, read_header
 from calibration.base.errors import InputError
 from calibration.base.plain_file import bounded_lines, open_text, read_text
 from calibration.base.toml_file import Section, parse_toml
@@ -109,11 +109,7 @@ def _parse_rows(stream: io.TextIOWrapper, path: Path, file: RecordingFile) -> li
         header = read_header(path, reader, required, "docs/reference/recording.md")
         rows: list[dict[str, float | str]] = []
         for number, cells in enumerate(reader, start=2):
-            if len(cells) != len(header):
-                raise InputError(
-                    f"{path}: line {number} has {len(cells)} cells, the header {len(header)}; copy the file again, or "
-                    "repair the line"
-                )
+            check_length(path, number, cells, header)
             if len(rows) >= MAX_ROWS:
                 raise InputError(f"{path}: more than {MAX_ROWS} rows")
             rows.append(_row(table, header, cells, path, number))

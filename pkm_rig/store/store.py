@@ -336,18 +336,14 @@ def require_store(out: Path) -> None:
 
 
 def find_recording(name: str, out: Path, *, by_sequence: bool = False) -> Recording:
-    """A recording by its folder, or by its campaign id in the store; InputError if it is neither.
-
-    `by_sequence`: in a folder, each fall of rig time begins a session.
-    """
+    """A recording by its folder, or by its campaign id in the store; InputError if it is neither. `by_sequence`: in a
+    folder, each fall of rig time begins a session."""
     folder = Path(name)
     if folder.is_dir():
         return read_folder(folder, by_sequence=by_sequence)
     require_file_or_folder(folder)
-    if folder.is_file():
-        raise InputError(f"'{name}' is a file; give the folder that it lies in, or a campaign's id")
-    if folder.name != name:  # a path, as no id is
-        raise InputError(f"there is no folder '{name}'; check the path, or give a campaign's id")
+    if folder.name != name or folder.is_file():  # a path, as no id is
+        raise InputError(f"'{name}' is no folder of a recording; check the path, or give a campaign's id")
     if not has_store(out):
         raise InputError(f"'{name}' is no recording folder, and there is no store in {out}; give --out")
     with open_existing_store(out) as store:

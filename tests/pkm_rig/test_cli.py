@@ -77,8 +77,8 @@ def test_identify_says_what_it_found_in_words(run, folder):
     ("arguments", "status", "complaint"),
     [
         (("identify", "nowhere"), 2, "no recording folder"),
-        (("diagnose", "no/where"), 2, "there is no folder 'no/where'"),
-        (("diagnose", "{folder}/readings.csv"), 2, "is a file; give the folder"),
+        (("diagnose", "no/where"), 2, "'no/where' is no folder of a recording; check"),
+        (("diagnose", "{folder}/readings.csv"), 2, "is no folder of a recording; check the path"),
         (("identify", "{folder}", "--estimator", "magic"), 2, "least_squares"),
         (("compensate", "{folder}", "--payload", "9"), 2, "payload 9"),
         (("show", "nothing", "--out", "{tmp}"), 2, "there is no store in"),

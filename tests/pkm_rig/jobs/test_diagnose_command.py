@@ -309,7 +309,7 @@ def keep_rows(wanted):
         (keep_rows(lambda i, row: i < 22), "measure 6 or more"),
         (keep_rows(lambda i, row: 0 <= int(float(row["visit"])) < 12), "measure 20 or more"),
         (lambda place: (place / "machine.toml").unlink(), "machine.toml"),
-        (shutil.rmtree, "there is no folder"),
+        (shutil.rmtree, "is no folder of a recording"),
     ],
 )
 def test_a_recording_that_is_not_fit_is_one_line_with_what_to_do(run, folder, tmp_path, spoil, complaint):

@@ -96,3 +96,10 @@ def test_unknown_on_one_drive_has_even_odds_at_twelve_and_a_tenth_of_what_is_exp
     """However strong: no share of it is granted twice."""
     p = verdict_probabilities({"delay": 9000.0}, 9000.0, 912.0 + side, diagnose.AXIS_VERDICT)
     assert (p[UNKNOWN] > p["delay"]) is (side > 0.0)
+
+
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_an_effect_on_one_drive_is_as_likely_as_none_at_seven(side):
+    """With this constant one drive alone was judged; that of a machine is another."""
+    p = verdict_probabilities({"delay": 7.0 + side}, 7.0 + side, 0.0, diagnose.AXIS_VERDICT)
+    assert (p[NONE] < 0.5) is (side > 0.0)

@@ -14,7 +14,7 @@ from scipy.stats import multivariate_normal
 from benchmarks.comparison.change import Change
 from calibration.comparison.candidates import Candidate, Move, Way, candidates
 from calibration.comparison.same_machine import shared_reflectors
-from calibration.comparison.search import LEVEL_SPREAD, LEVELS, UNKNOWN, Model, Weighed, rank, weigh
+from calibration.comparison.search import LEVEL_SPREAD, LEVELS, NOTHING, UNKNOWN, Model, Weighed, rank, weigh
 from calibration.comparison.two_campaigns import TwoCampaigns, linearise_pair
 from tests.calibration.comparison.pairs import first, recorded
 
@@ -98,3 +98,11 @@ def test_an_unknown_change_has_even_odds_at_twelve_and_three_per_cent_of_what_is
     weighed = Weighed(None, (found,), (), {}, log_evidence=explained, excess=threshold + side)
     p = weighed.probabilities()
     assert (p[UNKNOWN] > p["a strut's length"]) is (side > 0.0)
+
+
+@pytest.mark.parametrize("side", [-0.1, 0.1])
+def test_a_change_is_as_likely_as_nothing_at_seven(side):
+    """With this constant the study of pairs was made; that of a diagnosis is another."""
+    found = SimpleNamespace(candidate=SimpleNamespace(structure="a strut's length"), log_evidence=7.0 + side)
+    p = Weighed(None, (found,), (), {}, log_evidence=7.0 + side, excess=0.0).probabilities()
+    assert (p[NOTHING] < 0.5) is (side > 0.0)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from benchmarks.independent.truths import Truth
 from benchmarks.withheld.making import ELIGIBLE_RAW, ELIGIBLE_VISIBLE
 from benchmarks.withheld.score_rows import Row, answerable
-from benchmarks.withheld.scorer import Tampered, achieved, raw_sizes, score_case
+from benchmarks.withheld.scorer import Tampered, achieved, places_of, raw_sizes, score_case
 from calibration.base.errors import InputError
 from calibration.base.frame import station_frame
 from calibration.base.plain_file import read_text
@@ -80,13 +80,6 @@ def case_of(name: str, entry: Mapping[str, Any]) -> dict[str, Any]:
         "profile": entry["disturbances"],
         "design": entry["campaign"],
     }
-
-
-def places_of(found: Mapping[str, Any]) -> list[str]:
-    """Where a diagnosis says that an effect is."""
-    if found.get("places"):
-        return [place["place"] for place in found["places"]]
-    return [found["place"]] if found["place"] else []
 
 
 def _turn(header: Path) -> NDArray[np.float64]:

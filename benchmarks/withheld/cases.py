@@ -34,6 +34,8 @@ REFRACTION = "refraction"
 INDEX_OF_AIR = tuple(v for v in SPECS[REFRACTION].variants if v.startswith("index_"))
 OF_THREE, OTHER_TURN = 3, 2
 
+SEVERAL = 4  # of single effects that have places, one in so many is at several of them
+
 STYLES = ("rich", "platform", "poor")  # of the designs of null and outside cases
 GROSS = 5  # one case in so many has gross readings, another is given some once its verdict is sure
 SPOILED = ("effect", "null", "pair", "outside")
@@ -60,7 +62,7 @@ class Slot:
 
     style: of its design, '' as its kind wants; declared: a name of DECLARED; gross: whether some readings are gross;
     spoiled: whether a sure verdict is asked for again with gross readings; variants: those from which that of an effect
-    is drawn, all if empty.
+    is drawn, all if empty; several: whether that is at more than one place.
     """
 
     key: str
@@ -74,6 +76,7 @@ class Slot:
     gross: bool = False
     spoiled: bool = False
     variants: tuple[str, ...] = ()
+    several: bool = False
 
 
 def counts(n: int) -> dict[str, int]:
@@ -127,7 +130,8 @@ def _slot(kind: str, i: int, outside: tuple[str, ...]) -> Slot:
         return Slot(key, kind, (outside[i % len(outside)],), (raw,), style=style)
     if kind == "effect":
         raw = RAW_OF_EFFECT[turn % len(RAW_OF_EFFECT)]
-        return Slot(key, kind, (name,), (raw,), variants=_variants(name, turn))
+        several = turn % SEVERAL == SEVERAL - 1 and SPECS[name].place != "rig"
+        return Slot(key, kind, (name,), (raw,), variants=_variants(name, turn), several=several)
     return Slot(key, kind, (name,), (RAW_TO_FIND[(turn + i) % 2],))
 
 

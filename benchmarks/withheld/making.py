@@ -13,6 +13,7 @@ from benchmarks.withheld.designs import MACHINE, Designs, Drawn
 from benchmarks.withheld.gross_readings import with_gross_readings
 from benchmarks.withheld.sizes import noise_free, raw_of
 from mock_devices.effects import CATALOGUE, SPECS, EffectChoice, EffectError, draw
+from mock_devices.effects.base import names_of
 from mock_devices.plant.structure import NoEquilibrium
 from mock_devices.recordings.effect_size import SizeScale
 from mock_devices.recordings.maker import MockRecording, SimulatedCampaign
@@ -25,6 +26,8 @@ EXCEEDS = 3.0  # a case that is to be found exceeds the nuisance by so much (doc
 ELIGIBLE_RAW, ELIGIBLE_VISIBLE = 2.98, 0.5
 MOST_DRAWS = 16
 MOST_GROSS = 6
+ALL_PLACES, ALIKE, EQUAL = 0.5, 0.6, 0.5  # shares of the effects that have several places
+LEAST_SHARE = 0.4  # of the size at one of several places
 STYLES = {"platform_only": "platform", "next": "poor"}
 PERIODIC = {"screw_periodic_error": "period_m", "encoder_interpolation": "pitch_m"}
 TIMES_A_PERIOD = {  # how often an error repeats within the period of what errs
@@ -58,13 +61,15 @@ class Case:
     without: tuple[str, ...]
 
     def changes_by_effect(self) -> list[tuple[str, str, Array]]:
-        """Name, place ('' for the rig) and change (r, 3) of the readings, machine's axes, of each effect alone."""
-        facts = self.truth["effects"]
-        if len(facts) == 1:
-            return [(facts[0]["effect"], facts[0]["place"], self.change_m)]
-        alone = SizeScale(self.bench)
+        """Name, place ('' for the rig) and change (r, 3) of the readings, machine's axes, of each effect alone.
+
+        An effect at several places is one at each of them: what a form explains at one is asked for at one.
+        """
         choices = self.bench.settings.effects
-        return [(f["effect"], f["place"], alone.change_m(c)) for f, c in zip(facts, choices, strict=True)]
+        if len(choices) == 1:
+            return [(choices[0].name, place_of(choices[0]), self.change_m)]
+        alone = SizeScale(self.bench)
+        return [(choice.name, place_of(choice), alone.change_m(choice)) for choice in choices]
 
 
 def make_case(slot: Slot, rng: np.random.Generator, designs: Designs, *, final: bool | None) -> Case:
@@ -106,33 +111,59 @@ def _effects(
 ) -> tuple[tuple[EffectChoice, ...], list[dict[str, Any]]] | None:
     """Choices of the wanted raw sizes, redrawn until they can be seen where the slot is to be found."""
     wanted_visible = 1.0 if slot.kind in ("removed", "next") else ELIGIBLE_VISIBLE
-    choices: list[EffectChoice] = []
+    chosen: list[EffectChoice] = []
     facts: list[dict[str, Any]] = []
     for name, raw in zip(slot.effects, slot.raw, strict=True):
-        best: tuple[float, EffectChoice, dict[str, Any]] | None = None
+        best: tuple[float, tuple[EffectChoice, ...], dict[str, Any]] | None = None
         for _ in range(MOST_DRAWS):
-            choice = draw(
-                name, drawn.timeline.machine, rng, final=final, duration_s=drawn.duration_s, among=slot.variants
-            )
-            if any(_same_strut(choice, other) for other in choices):
+            choices = _at_places(slot, name, drawn, rng, final=final)
+            if any(_same_strut(choice, other) for choice in choices for other in chosen):
                 continue
             try:
-                choice = scale.scaled(choice, raw)
-                change = scale.change_m(choice)
+                choices = scale.scaled_together(choices, raw)
+                change = scale.change_m(*choices)
             except (EffectError, NoEquilibrium):
                 continue
             visible = drawn.visible.visible_size_of_change(change)
-            plausible = SPECS[name].size.low <= choice.size <= SPECS[name].size.high
+            size = SPECS[name].size
+            plausible = all(size.low <= choice.size <= size.high for choice in choices)
             rank = visible if plausible else -1.0 / (1.0 + visible)
             if best is None or rank > best[0]:
-                best = rank, choice, fact(choice, drawn, raw=scale.raw_size(choice), visible=visible)
+                best = rank, choices, fact(*choices, drawn=drawn, raw=scale.raw_size(*choices), visible=visible)
             if plausible and (raw < ELIGIBLE_RAW or visible >= wanted_visible):
                 break
         if best is None:
             return None
-        choices.append(best[1])
+        chosen += best[1]
         facts.append({**best[2], "plausible": best[0] >= 0.0})
-    return tuple(choices), facts
+    return tuple(chosen), facts
+
+
+def _at_places(
+    slot: Slot, name: str, drawn: Drawn, rng: np.random.Generator, *, final: bool | None
+) -> tuple[EffectChoice, ...]:
+    """An effect at a drawn place, or one variant of it at several: at two or at all, alike or each with its own
+    constants, at each by a share of its own."""
+    machine = drawn.timeline.machine
+    first = draw(name, machine, rng, final=final, duration_s=drawn.duration_s, among=slot.variants)
+    if not slot.several:
+        return (first,)
+    places = names_of(machine, SPECS[name].place)
+    count = len(places) if rng.random() < ALL_PLACES else 2
+    alike, equal = rng.random() < ALIKE, rng.random() < EQUAL
+    out = []
+    for k in sorted(rng.choice(len(places), count, replace=False).tolist()):
+        own = first if alike else draw(
+            name, machine, rng, final=None, duration_s=drawn.duration_s, among=(first.variant,)
+        )  # fmt: skip
+        share = 1.0 if equal else rng.uniform(LEAST_SHARE, 1.0)
+        out.append(replace(own, place=places[k], size=first.size * share))
+    return tuple(out)
+
+
+def place_of(choice: EffectChoice) -> str:
+    """Where an effect acts, '' for the rig."""
+    return "" if SPECS[choice.name].place == "rig" else choice.place
 
 
 def _same_strut(a: EffectChoice, b: EffectChoice) -> bool:
@@ -140,13 +171,16 @@ def _same_strut(a: EffectChoice, b: EffectChoice) -> bool:
     return SPECS[a.name].place == SPECS[b.name].place == "strut" and a.place == b.place
 
 
-def fact(choice: EffectChoice, drawn: Drawn, *, raw: float, visible: float) -> dict[str, Any]:
-    """A true effect as plain data; onset_s since the first reading, period_m of the error itself."""
+def fact(choice: EffectChoice, *others: EffectChoice, drawn: Drawn, raw: float, visible: float) -> dict[str, Any]:
+    """A true effect as plain data, with its `others` at further places; onset_s since the first reading, period_m of
+    the error itself, as parameters, those of the first place."""
     spec = SPECS[choice.name]
     values = {p.name: p.typical for p in spec.others} | dict(choice.parameters)
+    places = [place_of(one) for one in (choice, *others)]
     out: dict[str, Any] = {
         "effect": choice.name,
-        "place": "" if spec.place == "rig" else choice.place,
+        "place": places[0] if not others else "",
+        "places": [place for place in places if place],
         "variant": choice.variant,
         "final": spec.final_only or choice.variant == spec.final,
         "size_name": spec.size.name,

@@ -17,6 +17,11 @@ def right(row: Row) -> bool:
     return [row["verdict"]] == row["true"]
 
 
+def at_several_places(row: Row) -> bool:
+    """Whether the one true effect is at more than one place."""
+    return len(row["places"][0]) > 1
+
+
 def in_class(row: Row) -> bool:
     """Verdict or its equivalents hold the one true effect."""
     return row["true"][0] in (row["verdict"], *row["equivalent"])

@@ -89,6 +89,7 @@ def score_case(case: dict[str, Any], answer: dict[str, Any]) -> dict[str, Any]:
         "kind": case["kind"],
         "true": [f["effect"] for f in facts],
         "variant": [f["variant"] for f in facts],
+        "places": [f.get("places", []) for f in facts],
         "final": any(f["final"] for f in facts),
         "raw": case["raw"],
         "visible": case["visible"],
@@ -143,12 +144,16 @@ def _details(fact: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, Any]:
     if not same:
         return out
     effect = same[0]
-    if fact["place"]:
+    several = len(fact.get("places", [])) > 1
+    if several:
+        named, true = {place for found in same for place in places_of(found)}, set(fact["places"])
+        out |= {"place_right": bool(named) and named <= true, "places_right": named == true}
+    elif fact["place"]:
         out["place_right"] = effect["place"] == fact["place"]
         out["place_p"] = effect["place_probability"]
     if fact["plausible"]:
         out |= raw_sizes(same, fact["raw"])
-        if effect["size"]["name"] == fact["size_name"] and effect["size"]["u"] > 0.0:
+        if not several and effect["size"]["name"] == fact["size_name"] and effect["size"]["u"] > 0.0:
             off = abs(effect["size"]["value"]) - abs(fact["size"])
             out["size_error_u"] = off / effect["size"]["u"]
     quantities = {q["name"]: q["value"] for q in (effect["size"], *effect["others"])}
@@ -161,11 +166,18 @@ def _details(fact: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, Any]:
 
 
 def _at_channels(recording: Path, row: dict[str, Any], answer: dict[str, Any], change_m: Array) -> list[dict[str, Any]]:
-    """Where the verdict names the one true effect: what it does at its channels, as stated and in truth."""
-    if row["verdict"] != row["true"][0]:
+    """Where the verdict names the true effect of one place: what it does at its channels, as stated and in truth."""
+    if row["verdict"] != row["true"][0] or len(row["places"][0]) > 1:
         return []
     found: dict[str, Any] = next((e for e in answer["diagnosis"]["effects"] if e["effect"] == row["verdict"]), {})
     return compared(recording, found, change_m)
+
+
+def places_of(found: Mapping[str, Any]) -> list[str]:
+    """Where a diagnosis says that an effect is."""
+    if found.get("places"):
+        return [place["place"] for place in found["places"]]
+    return [found["place"]] if found["place"] else []
 
 
 def only_answer(case: dict[str, Any]) -> str:

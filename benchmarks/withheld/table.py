@@ -13,6 +13,7 @@ from benchmarks.withheld.cases import INDEX_OF_AIR, MISDECLARED
 from benchmarks.withheld.score_rows import (
     Row,
     answerable,
+    at_several_places,
     called,
     first_names,
     in_class,
@@ -24,6 +25,7 @@ from benchmarks.withheld.statistics import paired_difference
 from mock_devices.effects import SPECS
 
 MIMIC_SIGMA = 0.5
+PLACES = {False: "one place", True: "several places"}
 STEP_S, PERIOD = 300.0, 0.01
 MOST_PLATFORM_CLASS = 2.0
 
@@ -58,7 +60,9 @@ def whole_measures(rows: Sequence[Row]) -> list[Measure]:
 def _singles(rows: list[Row]) -> list[Measure]:
     told = [r for r in rows if all(sigma > ALIKE_SIGMA for sigma in r["mimics_sigma"].values())]
     index = [r for r in rows if r["variant"][0] in INDEX_OF_AIR]
+    by_places = {name: [right(r) for r in rows if at_several_places(r) == s] for s, name in PLACES.items()}
     return [
+        *(share(f"named right: {name}", hits) for name, hits in by_places.items()),
         share("named right where no other effect is within 0.3 sigma", [right(r) for r in told]),
         share("index of air: named right", [right(r) for r in index]),
     ]
@@ -110,12 +114,14 @@ def _detail_measures(rows_of_effects: list[Row]) -> list[Measure]:
         return [r[key] is not None and abs(r[key]) <= limit for r in rows_of_effects if key in r]
 
     coordinate = [r["first_kind"] in r["true_kinds"] for r in rows_of_effects if "true_kinds" in r]
+
+    def places(key: str, *, several: bool) -> list[bool]:
+        return [r[key] for r in rows_of_effects if key in r and at_several_places(r) == several]
+
     return [
-        share(
-            "place right, where the effect is named",
-            [r["place_right"] for r in rows_of_effects if "place_right" in r],
-            0.95,
-        ),
+        share("place right, where the effect is named", places("place_right", several=False), 0.95),
+        share("named place is one of several", places("place_right", several=True)),
+        share("all of several places named", places("places_right", several=True)),
         share("step time within 5 min", within("step_error_s", STEP_S), 0.95),
         share("period within 1 %", within("period_error", PERIOD), 0.95),
         share("true coordinate first by share", coordinate, 0.90),

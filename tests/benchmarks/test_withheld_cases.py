@@ -18,6 +18,7 @@ from calibration.diagnosis.basis_set_evidence import InformationAndScore
 from calibration.effects.api import BasisSets
 from calibration.recording.folder import read_folder
 from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL, SPECS, EffectChoice
+from mock_devices.effects.base import names_of
 from mock_devices.recordings.files import write_recording
 from mock_devices.recordings.timeline import plan as timeline_of
 from tests.benchmarks.withheld_cases import EFFECT, NEXT, NULL, OUT, UNDECLARED, case_of, designs
@@ -42,6 +43,9 @@ def test_a_full_run_has_all_the_cases_that_are_wanted():
     bent = [s for s in slots if s.kind == "effect" and s.effects == ("refraction",) and s not in index]
     assert {v for s in bent for v in s.variants} == set(SPECS["refraction"].variants) - set(INDEX_OF_AIR)
     assert slots == plan()
+    several = Counter(s.effects[0] for s in slots if s.several)
+    assert set(several) == {name for name in CATALOGUE if SPECS[name].place != "rig"}
+    assert min(several.values()) >= 9
     null = [s for s in slots if s.kind == "null"]
     assert Counter(s.profile for s in null) == dict.fromkeys(PROFILES, 320)
     assert Counter(s.declared for s in null) == dict.fromkeys(DECLARED, 400)
@@ -75,6 +79,27 @@ def test_cases_have_the_sizes_that_they_say(slot):
     assert spec.size.low <= fact["size"] <= spec.size.high
     if slot.kind != "next":  # those are sized on a rich design
         assert case.truth["raw"] == pytest.approx(slot.raw[0], rel=0.02)
+
+
+@pytest.mark.parametrize(("name", "kind"), [("link_stiffness", "strut"), ("backlash", "drive"), ("smr_reseat", "smr")])
+def test_an_effect_at_several_places_is_one_effect(name, kind):
+    """One variant at each of its places, sized together; what is compared with the catalogue is each place's own."""
+    slot = Slot("effect-s", "effect", (name,), (5.0,), several=True)
+    case = case_of(slot)
+    (fact,) = case.truth["effects"]
+    choices = case.bench.settings.effects
+    assert len(choices) >= 2
+    assert {choice.variant for choice in choices} == {fact["variant"]}
+    assert sorted(choice.place for choice in choices) == sorted(set(fact["places"]))
+    assert set(fact["places"]) <= set(names_of(case.drawn.timeline.machine, kind))
+    assert fact["place"] == ""
+    assert case.truth["raw"] == pytest.approx(5.0, rel=0.02)
+    changes = case.changes_by_effect()
+    assert [(effect, place) for effect, place, _ in changes] == [(name, place) for place in fact["places"]]
+    whole = np.linalg.norm(case.change_m)
+    assert all(0.1 * whole < np.linalg.norm(change) for _, _, change in changes)
+    off = np.linalg.norm(sum(change for _, _, change in changes) - case.change_m)
+    assert off < (0.25 if kind == "strut" else 0.01) * whole  # struts share their forces with one another
 
 
 def test_a_null_case_has_nothing_but_its_profile():
@@ -157,7 +182,7 @@ def test_the_period_that_is_asked_for_is_that_of_the_error_itself(name, variant)
     q[:, 0] = 0.5 + 64.0 * stated_m * np.arange(4096) / 4096.0
     waves = np.abs(np.fft.rfft(one.deviation(t_s=np.full(4096, one.t_s), q=q).travel_m[:, 0]))[1:]
     strongest_m = 64.0 * stated_m / (1 + np.flatnonzero(waves > 0.95 * waves.max())[0])
-    assert fact(choice, drawn, raw=3.0, visible=3.0)["period_m"] == pytest.approx(strongest_m, rel=0.005)
+    assert fact(choice, drawn=drawn, raw=3.0, visible=3.0)["period_m"] == pytest.approx(strongest_m, rel=0.005)
 
 
 def test_decoys_do_not_depend_on_what_was_compared_before(tmp_path):

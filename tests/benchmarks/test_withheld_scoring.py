@@ -12,6 +12,7 @@ from benchmarks.withheld.coordinates import KINDS, first_kind, true_kinds
 from benchmarks.withheld.methods import baseline_table
 from benchmarks.withheld.report import printed, summary
 from benchmarks.withheld.score_rows import in_class, overall_right
+from benchmarks.withheld.scorer import score_case
 from benchmarks.withheld.statistics import (
     calibration_error,
     excess_calibration_error,
@@ -62,7 +63,7 @@ def row(kind, true, verdict, **more):
         "final": False, "visible": 2.0, "eligible": bool(true), "wanted_raw": [3.0], "profile": "small", "p": 0.9,
         "verdict": verdict, "equivalent": [], "named": [verdict], "ranked": [[verdict, 0.9]], "mimics_sigma": {},
         "seconds": 0.5, "clock_seconds": 0.6, "baselines": {"form_free": "none"}, "error": "", "first_kind": "time",
-        "shrink": 0.5, "shrink_interval": [0.4, 0.6], "achieved": 0.53,
+        "shrink": 0.5, "shrink_interval": [0.4, 0.6], "achieved": 0.53, "places": [["left"]],
     }  # fmt: skip
     return {**base, **more}
 
@@ -123,6 +124,43 @@ def test_rows_are_counted_as_the_goals_say():
     methods = {line["method"]: line for line in baseline_table(rows)}
     assert methods["form_free"]["null"]["value"] == 1.0
     assert methods["diagnosis"]["effect"]["value"] == 0.5
+
+
+def test_an_effect_at_several_places_is_right_by_name_and_by_its_places():
+    def scored(*named):
+        case = {
+            "key": "x", "kind": "effect", "raw": 5.0, "visible": 4.0, "eligible": True, "wanted_raw": [5.0],
+            "profile": "small", "design": "rich0", "effects": [{
+                "effect": "backlash", "variant": "play", "final": False, "place": "", "places": ["left", "right"],
+                "raw": 5.0, "visible": 4.0, "plausible": True, "size": 1e-5, "size_name": "width_m",
+            }],
+        }  # fmt: skip
+        size, sigma = {"name": "width_m", "value": 1e-5, "u": 1e-6}, {"raw_sigma": 3.0}
+        effects = [
+            {"effect": "backlash", "place": place, "place_probability": 1.0, "size": size, "others": [], **sigma}
+            for place in named
+        ]  # fmt: skip
+        diagnosis = {
+            "ranking": {"backlash": 0.9}, "effects": effects, "verdict": "backlash", "equivalent": [],
+            "not_tested": [], "hidden_m": 0.0, "gap": {"shrink": 0.5, "shrink_interval": [0.4, 0.6]}, "where": [],
+        }  # fmt: skip
+        answer = {"diagnosis": diagnosis, "without": [], "seconds": 1.0, "clock_seconds": 1.0}
+        return {**score_case(case, answer), "mimics_sigma": {}}
+
+    rows = [scored("left", "right"), scored("left"), scored("right", "gantry")]
+    assert "size_error_u" not in rows[0]  # the truth states that of one place
+    assert rows[0]["raw_named"] == pytest.approx(math.hypot(3.0, 3.0))
+    one = row("effect", "latency", "backlash", place_right=False)
+    found = by_name([*rows, one])
+    for name, value, n in (
+        ("named right: several places", 1.0, 3),
+        ("named right: one place", 0.0, 1),
+        ("named place is one of several", 2.0 / 3.0, 3),
+        ("all of several places named", 1.0 / 3.0, 3),
+        ("place right, where the effect is named", 0.0, 1),
+        ("visible single effects named right", 0.75, 4),
+    ):
+        assert (found[name].value, found[name].n) == (pytest.approx(value), n), name
 
 
 def test_a_run_without_cases_of_a_kind_and_one_that_failed_are_scored():

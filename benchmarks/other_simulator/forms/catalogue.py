@@ -5,6 +5,10 @@ from __future__ import annotations
 from benchmarks.other_simulator.forms import (
     columns,
     drives,
+    eighth_drives,
+    eighth_machine,
+    eighth_readings,
+    eighth_struts,
     fifth_drives,
     fifth_machine,
     fifth_readings,
@@ -13,6 +17,7 @@ from benchmarks.other_simulator.forms import (
     fourth_machine,
     fourth_readings,
     guides,
+    outside_eighth,
     outside_fifth,
     outside_first,
     outside_fourth,
@@ -39,8 +44,8 @@ from benchmarks.other_simulator.forms import (
 from benchmarks.other_simulator.forms.form import Form
 
 FIRST, SECOND, SPACE, THIRD = "first", "second", "space", "third"
-FOURTH, FIFTH, SIXTH, SEVENTH = "fourth", "fifth", "sixth", "seventh"
-ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH, SEVENTH)
+FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH = "fourth", "fifth", "sixth", "seventh", "eighth"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -73,6 +78,10 @@ _OWN: dict[str, dict[str, tuple[Form, ...]]] = {
     SEVENTH: {
         **seventh_struts.FORMS, **seventh_machine.FORMS, **seventh_drives.FORMS, **seventh_readings.FORMS,
         OUTSIDE: outside_seventh.FORMS,
+    },
+    EIGHTH: {
+        **eighth_struts.FORMS, **eighth_machine.FORMS, **eighth_drives.FORMS, **eighth_readings.FORMS,
+        OUTSIDE: outside_eighth.FORMS,
     },
 }  # fmt: skip
 _SOURCES = {archive: (archive,) for archive in _OWN} | {SPACE: (FIRST, SECOND)}

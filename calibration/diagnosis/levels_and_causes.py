@@ -9,7 +9,7 @@ most likely with its levels. What acts like a disturbance and is not larger than
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -110,7 +110,7 @@ class SearchOfLevelsAndCauses:
                 told_by_form = ToldByForm(tuple(effect.name for effect in ordinary), gain)
                 break
             tried.append(other)
-            best = other
+            best = replace(other, result=other.result.with_ranked(self._beyond_alone(best.result.ranking, ordinary)))
         most_of_none = max(search.log_evidence for search in tried)
         return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence, told_by_form)
 
@@ -144,6 +144,12 @@ class SearchOfLevelsAndCauses:
         x = posterior.most_likely_ordinary()
         likely = np.minimum(x + QUANTILE * posterior.standard_deviations(x), QUANTILE * posterior.prior)
         return [effect for effect in alike if self._ratio(effect, causes, likely) < MIN_RATIO_TO_DECLARED]
+
+    def _beyond_alone(self, ranking: Sequence[Cause], effects: Sequence[Effect]) -> list[Cause]:
+        """Those of some effects that alone would do more than disturbances, though beside others they need not: they
+        remain in the ranking."""
+        alone = [cause for cause in ranking if cause.effect in effects]
+        return [cause for cause in alone if not self._no_more_than_disturbances(cause.parts)]
 
     def _ratio(self, effect: Effect, causes: Sequence[Cause], levels: Array) -> float:
         """RMS over the readings of what an effect does at all its places, over that of its disturbances at levels.

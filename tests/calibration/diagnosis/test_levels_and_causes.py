@@ -14,6 +14,7 @@ from calibration.diagnosis.effect_inputs import inputs_of_recording, periodogram
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.levels_and_causes import SearchAtLevels, SearchOfLevelsAndCauses
 from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.result import NONE
 from calibration.diagnosis.search import search_causes
 from calibration.effects.catalogue import load_catalogue
@@ -78,6 +79,39 @@ def test_what_is_no_larger_than_its_disturbance_may_be_is_searched_for_no_more(m
     assert found.result.causes == ()
     assert found.told_by_form is None
     assert found.likelihood.linear.recording.file.nuisance.drift_m > 2.0 * DeclaredLevels().drift_m
+
+
+@pytest.mark.parametrize(("size_m", "kept"), [(4.0e-5, ["backlash"]), (3.0e-6, [])])
+def test_what_need_not_be_more_than_disturbances_beside_others_remains_in_the_ranking_if_alone_it_is(size_m, kept):
+    effect = EffectChoice("backlash", size_m, "right")
+    recording = recorded(plant(60, effect, nuisance=DisturbanceLevels(**SMALL)))
+    likelihood = MarginalLikelihood.of(linearise_recording(recording))
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    effects = load_catalogue().effects
+    search, ranking = SearchOfLevelsAndCauses(likelihood, inputs, effects), rank_effects(likelihood, inputs, effects)
+    backlash = [effect for effect in effects if effect.name == "backlash"]
+    remaining = search._beyond_alone(ranking, backlash)
+    assert [cause.effect.name for cause in remaining] == kept
+    without = search_causes(likelihood, inputs, [effect for effect in effects if effect not in backlash])
+    names = [cause.effect.name for cause in without.with_ranked(remaining).ranking]
+    assert names[: len(kept)] == kept  # in its order
+    assert sorted(names) == sorted([*(cause.effect.name for cause in without.ranking), *kept])
+
+
+def test_an_effect_that_is_searched_for_no_more_is_still_ranked(monkeypatch):
+    """Where it is said to be ordinary beside the other causes, and not when it is alone."""
+    recording = recorded(plant(60, EffectChoice("backlash", 4.0e-5, "right"), nuisance=DisturbanceLevels(**SMALL)))
+    likelihood = MarginalLikelihood.of(linearise_recording(recording))
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    effects = load_catalogue().effects
+    search = SearchOfLevelsAndCauses(likelihood, inputs, effects)
+    answers = [[effect for effect in effects if effect.name == "backlash"], [], []]
+    monkeypatch.setattr(search, "_no_more_than_disturbances", lambda causes: answers.pop(0))
+    monkeypatch.setattr(levels_and_causes, "TOLD_BY_FORM", np.inf)
+    found = search.most_likely().result
+    assert answers == []
+    assert "backlash" not in {cause.effect.name for cause in found.causes}
+    assert found.ranking[0].effect.name == "backlash"
 
 
 def test_what_is_far_beyond_a_disturbance_is_an_effect_where_levels_could_explain_it():

@@ -44,6 +44,7 @@ NOTHING = 1e-300
 FEW, LITTLE = 0.05, 0.3
 MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
+MOST_ALIKE = 4.0  # standard deviations of the correlation of neighbours, were they drawn by chance
 MOST_PRODUCTS_A_VISIT = 0.5  # of more than half as many as visits one fits nearly anything that differs by visit
 
 _Kind = Literal["exact", "a little", "wholly", "by visit"]
@@ -95,11 +96,7 @@ def with_departures(
         main = main[:1]
     general = len(main) > MOST_MAIN_COLUMNS
     period_m = exact.basis_set.parameters.get(PERIOD, 0.0)
-    if general:
-        a_little, wholly = {}, _functions_of_change(inputs, effect, place, len(main))
-    else:
-        a_little = functions_of_coordinates(inputs, effect, place)
-        wholly = functions_it_varies_with(inputs, effect, place, period_m)
+    a_little, wholly = _functions_to_depart_by(inputs, effect, place, 0 if anew else len(main), period_m)
     if general and not wholly:
         return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
     of_coordinate = {
@@ -150,7 +147,9 @@ def with_departures(
     evidence = evidence_of_basis_sets(information, sets, low, effect.size.high)
     priors = np.array([way.prior for way in ways])
     logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
-    logs[[not _is_possible(*each, wholly, anew=anew) for each in zip(evidence, ways, strict=True)]] = -np.inf
+    anywhere = anew and effect.place == "smr"  # where nothing else acts
+    possible = [anywhere or _is_possible(*each, wholly, inputs, anew=anew) for each in zip(evidence, ways, strict=True)]
+    logs[np.logical_not(possible)] = -np.inf
     judge_courses(evidence, logs)
     likeliest = int(np.argmax(logs))
     best, departures_of_best = evidence[likeliest], ways[likeliest].departures
@@ -164,6 +163,18 @@ def with_departures(
         replace(best, basis_set=basis_set),
         tuple(columns[c] for c in best.basis_set.columns),
     )
+
+
+def _functions_to_depart_by(
+    inputs: EffectInputs, effect: Effect, place: int, columns: int, period_m: float
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Functions by which a form of some columns departs a little, and wholly; of none, what is anything already."""
+    if not columns:
+        return {}, {}
+    if columns > MOST_MAIN_COLUMNS:
+        return {}, _functions_of_change(inputs, effect, place, columns)
+    a_little = functions_of_coordinates(inputs, effect, place)
+    return a_little, functions_it_varies_with(inputs, effect, place, period_m)
 
 
 def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, columns: int) -> dict[str, Array]:
@@ -181,10 +192,12 @@ def _departures_by_visit(inputs: EffectInputs, effect: Effect, columns: Sequence
     return [Departure(i, VISIT, visit) for i in columns for visit in visits]
 
 
-def _is_possible(entry: BasisSetEvidence, way: _Way, functions: Mapping[str, Array], *, anew: bool) -> bool:
+def _is_possible(
+    entry: BasisSetEvidence, way: _Way, functions: Mapping[str, Array], inputs: EffectInputs, *, anew: bool
+) -> bool:
     """Whether what was found of a way of departing is something that the effect may do."""
     if way.kind == "by visit":
-        return anew or _is_share_of_form(entry, way.departures)
+        return (_is_by_chance if anew else _is_share_of_form)(entry, way.departures, inputs)
     return way.kind != "wholly" or not _turns(entry, way.departures, functions)
 
 
@@ -202,7 +215,25 @@ def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: 
     return bool(np.mean(strength * entry.basis_set.sign < least) > FEW)
 
 
-def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure]) -> bool:
+def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure], _: EffectInputs) -> bool:
     """Whether what differs by visit may be shares, zero to all, of what acts: then it scatters less than its mean."""
     scatter = np.sqrt(np.mean(entry.coefficients[-len(departures) :] ** 2))
     return bool(scatter < abs(entry.coefficients[departures[0].column]))
+
+
+def _is_by_chance(entry: BasisSetEvidence, departures: Sequence[Departure], inputs: EffectInputs) -> bool:
+    """Whether what is anew at each visit does not follow from when and where that was: neighbours in time, or along
+    the travel of a drive, are no more alike than chance has it."""
+    coefficients = np.asarray(entry.coefficients[-len(departures) :])
+    column, visit = np.array([(d.column, d.term) for d in departures]).T
+    visits, at = np.unique(inputs.context.arrival, return_index=True)
+    along = np.column_stack([inputs.context.t_s[at], inputs.context.drives[at]])[np.searchsorted(visits, visit)]
+    for number in np.unique(column):
+        of_column = column == number
+        scatter = coefficients[of_column] - coefficients[of_column].mean()
+        most = MOST_ALIKE * float(scatter @ scatter) / np.sqrt(len(scatter))
+        for x in along[of_column].T:
+            in_order = scatter[np.argsort(x, kind="stable")]
+            if float(in_order[1:] @ in_order[:-1]) > most:
+                return False
+    return True

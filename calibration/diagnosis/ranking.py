@@ -105,6 +105,8 @@ def rank_effects(
         # Where a nonlinear law leads, the basis sets of another one say little of what its curve explains.
         rival = law_leads and bool(effect.curves_at(inputs, 0))
         least = VERDICT.detection_threshold if rival else threshold
+        if by_visit and effect.anew_by_visit:  # of which basis sets by themselves say nothing
+            least = -math.inf
         if (log_evidence := _total_log_evidence(places)) <= least:
             unrefined = log_evidence > VERDICT.detection_threshold
             causes.append(_or_alike(replace(_cause(effect, places), unrefined=unrefined), alike))
@@ -262,10 +264,9 @@ def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
         basis_set = built.sets[number]
         return _form(built, basis_set), round(math.log(basis_set.parameters.get("period_m", 1.0)), PERIOD_DIGITS)
 
-    best = int(np.argmax(logs))
-    if effect.anew_by_visit:
-        return [k for k in range(len(logs)) if k != best and kind(k)[0] == effect.anew_by_visit]
-    seen, out = {kind(best)}, list[int]()
+    best, anew = int(np.argmax(logs)), effect.anew_by_visit
+    of_anew = [k for k in range(len(logs)) if k != best and kind(k)[0] == anew] if anew else []
+    seen, out = {kind(best), *map(kind, of_anew)}, list[int]()
     for number in np.argsort(-logs).tolist():
         if len(out) == OTHER_FORMS or logs[number] < OTHER_FORMS_SHARE * logs[best]:
             break
@@ -273,7 +274,7 @@ def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
         if few and kind(number)[0] and kind(number) not in seen:
             seen.add(kind(number))
             out.append(number)
-    return out
+    return of_anew + out
 
 
 def _refine(
@@ -311,9 +312,13 @@ def _refine(
             log_evidence = near.log_evidence + found.gain
             return _PlaceEvidence(place.place, log_evidence, found.best, found.contributions, found.unexpected)
 
-        return max((departing(near) for near in (with_curves(place), *place.others)), key=lambda one: one.log_evidence)
+        # By itself, the form that may be anew at each visit is what the calibration takes.
+        others = (near for near in place.others if by_visit or not near.form or near.form != effect.anew_by_visit)
+        return max((departing(near) for near in (with_curves(place), *others)), key=lambda one: one.log_evidence)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
+    if by_visit and effect.anew_by_visit:
+        threshold = -math.inf
     return [refine(place) if place.log_evidence > threshold else place for place in places]
 
 

@@ -31,6 +31,7 @@ SLAB_S, SLAB_WEIGHT = (0.0, 1500.0), 0.3  # of what a floor follows, at once on 
 ONSETS = 14
 SETTLING_S = (600.0, 3000.0)
 UNEVEN_WAVE_M, UNEVEN_WEIGHT = 0.02, 0.3  # shortest wave of a rail that its bolts draw down
+ANYWHERE = "anywhere"  # form of a slider that lies elsewhere in its play at each visit
 SIDE_TERMS, SIDE_WEIGHT = 6, 0.3  # of what is another deviation for each side of the approach
 APART_TERMS, APART_WEIGHT = 16, 0.2  # of what another carriage does to this one, by how far it is
 BENT_TERMS, COURSE_TERMS, BENT_WEIGHT = 6, 8, 0.3  # of a guide whose form changes
@@ -54,8 +55,12 @@ def straightness(inputs: EffectInputs, drive: int) -> BasisSets:
 
 
 def angular(inputs: EffectInputs, drive: int) -> BasisSets:
-    """The slider rotates along its travel."""
-    return _along_travel(inputs, drive, inputs.channels_of_drive("turn", drive))
+    """The slider rotates along its travel, or lies turned in the play of its guide, elsewhere after each motion."""
+    channels = inputs.channels_of_drive("turn", drive)
+    sets = _along_travel(inputs, drive, channels)
+    for channel in channels:
+        sets.add_set(sets.add((channel, np.ones(len(inputs.context))), form=ANYWHERE))
+    return sets
 
 
 def _along_travel(inputs: EffectInputs, drive: int, channels: tuple[str, ...]) -> BasisSets:
@@ -159,6 +164,8 @@ EFFECTS = (
         forms=angular,
         untested=_untested_with_short_travel,
         measured="rms",
+        differs_by_visit=True,
+        anew_by_visit=ANYWHERE,
         functions_vary_with=CHANGES_WITH,
         order=130,
     ),

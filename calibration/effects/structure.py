@@ -39,6 +39,7 @@ PLACE_TERMS, TENSION_TERMS = 4, 5  # of any function of a strut's place and of i
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # of a softness that is another one at any time
 LATE_TIMES_S, LATE_WEIGHT = (100.0, 300.0, 900.0), 0.2  # in which a bushing follows its force
 RESTS_S, REST_WEIGHT = (3.0, 12.0, 48.0), 0.3  # in which a pin sinks through its oil
+ANYWHERE = "anywhere"  # form of a pin that lies elsewhere in its play at each visit
 MISFIT_UNIT = 0.07  # unit of a strut's misfit on a curve, over its standard deviation
 
 
@@ -99,6 +100,8 @@ def clearance(inputs: EffectInputs, strut: int) -> BasisSets:
             pressed = cosine_basis(t, TENSION_TERMS, roughness=1.0)
             held = sets.add((name, towards * np.column_stack([np.ones_like(t), pressed, angles])))
             sets.add_set(held, (*sets.add((name, pressed)), *seated), share=0.7, weight=REST_WEIGHT)
+    # Without a force to press it, it lies where the last motion left it: where on the average is calibrated.
+    sets.add_set(sets.add((name, np.ones_like(t)), form=ANYWHERE))
     return sets
 
 
@@ -222,6 +225,8 @@ EFFECTS = (
         textbook=Textbook(
             "sides_by_tension", "Flores et al., Kinematics and Dynamics of Multibody Systems with Imperfect Joints"
         ),
+        differs_by_visit=True,
+        anew_by_visit=ANYWHERE,
         varies_with=PLAY_VARIES_WITH,
         order=80,
     ),

@@ -17,7 +17,8 @@ from calibration.effects.basis_functions import cosine_basis, wave_of
 from calibration.effects.columns import Contributions
 
 VISIT = "visit"
-OWN_TERMS, OTHER_TERMS, TIME_TERMS = 4, 2, 3  # half waves over the range of a coordinate
+OWN_TERMS, OTHER_TERMS, TIME_TERMS = 12, 2, 3  # half waves over the range of a coordinate
+CHANGING_TERMS = 4  # of the own travel, by each of the many columns of a general function
 COURSE_TERMS = 16  # of any course in time, as after somebody has wiped, set or tightened something
 WARMTH_S = (300.0, 1500.0)  # in which what a drive's motions warm cools again: bearings and grease, a housing
 ROUGHNESS, WALK = 1.5, 1.0  # powers by which their size falls: of a smooth function, of a random walk
@@ -38,7 +39,7 @@ def functions_of_coordinates(inputs: EffectInputs, effect: Effect, place: int) -
 
 def functions_of_change(inputs: EffectInputs, effect: Effect, place: int) -> dict[str, Array]:
     """The same of each coordinate with which its general functions may change."""
-    return _functions(inputs, effect, place, effect.functions_vary_with)
+    return _functions(inputs, effect, place, effect.functions_vary_with, own_terms=CHANGING_TERMS)
 
 
 def functions_it_varies_with(
@@ -80,16 +81,18 @@ def functions_of_strength(inputs: EffectInputs, effect: Effect, place: int) -> l
     ]
 
 
-def _functions(inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate]) -> dict[str, Array]:
+def _functions(
+    inputs: EffectInputs, effect: Effect, place: int, kinds: Collection[Coordinate], own_terms: int = OWN_TERMS
+) -> dict[str, Array]:
     def build() -> dict[str, Array]:
         return {
-            name: _functions_of(kind, x, terms)
+            name: _functions_of(kind, x, min(terms, own_terms) if kind == "own travel" else terms)
             for kind, name, x, terms in _coordinates(inputs, effect, place, kinds)
             if np.ptp(x) > 0.0
         }
 
     # A copy: whoever asks may add to it.
-    return dict(inputs.once(("functions of coordinates", effect.place, place, tuple(kinds)), build))
+    return dict(inputs.once(("functions of coordinates", effect.place, place, tuple(kinds), own_terms), build))
 
 
 def _functions_of(kind: Coordinate, x: Array, terms: int) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -28,6 +29,7 @@ STATED_WITHIN = 0.005  # of a stated period, how far a period may be off it
 FEWEST_POSITIONS = 30
 OVERTONES, AGE_TERMS = (2.0, 3.0, 4.0, 5.0), 4  # of a wave of any form that changes
 ANYHOW_PERIODS, ANYHOW_WEIGHT = 2, 0.3  # the likeliest periods, whose wave may be such a one
+TWO_WEIGHT = 1.0  # of waves of two periods, times the prior of each
 ROUGH_TERMS, ROUGH_WEIGHT = 40, 0.3  # of an error that walks along the travel
 
 
@@ -91,9 +93,11 @@ def _periodic(inputs: EffectInputs, drive: int, periods: Sequence[tuple[float, f
     sets, travel, q = BasisSets(), f"travel.{inputs.drive(drive)}", inputs.context.drives[:, drive]
     u = inputs.normalised_travel(drive)
     least = min(sorted((prior for _, prior in periods), reverse=True)[:ANYHOW_PERIODS], default=0.0)
+    waves: list[tuple[float, float, list[int]]] = []
     for period, prior in periods:
         wave = wave_of(q, period)
         main = sets.add((travel, wave), form="sine")
+        waves.append((period, prior, main))
         harmonics = [sets.add((travel, wave_of(q, period / k)), form="harmonics") for k in (2.0, 3.0)]
         changing = [sets.add((travel, wave * by[:, None]), form="sine_by_travel") for by in (u, u**2 - 0.5)]
         changing.append(sets.add((travel, wave * (inputs.payload_ratio - 0.5)[:, None]), form="sine_by_payload"))
@@ -104,6 +108,10 @@ def _periodic(inputs: EffectInputs, drive: int, periods: Sequence[tuple[float, f
             anyhow += [sets.add((travel, wave_of(q, period / k))) for k in OVERTONES]
             flexible = [c for columns in anyhow for c in columns]
             sets.add_set(main, flexible, share=0.5, weight=ANYHOW_WEIGHT * prior, period_m=period)
+    resolution = 1.0 / max(float(np.ptp(q)), 1e-6)
+    for (period, prior, main), (other, other_prior, beside) in combinations(waves, 2):
+        if abs(1.0 / period - 1.0 / other) > resolution:  # a screw and its pulley, two stages of a gear
+            sets.add_set((*main, *beside), weight=TWO_WEIGHT * prior * other_prior, period_m=max(period, other))
     return sets
 
 

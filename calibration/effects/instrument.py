@@ -96,12 +96,17 @@ def refraction(inputs: EffectInputs, _: int) -> BasisSets:
         for place in (across, height):
             along = sets.add((channel, angle_per_gradient * cosine_basis(place, SIGHT_TERMS, constant=True)))
             sets.add_set(along)
-    for channel in TOWARDS_WARM:
-        whole = sets.add((channel, angle_per_gradient * finely))
-        for place in (across, height):  # layers that come and go, plumes that stand at one place
+    of_ranges: list[list[int]] = []
+    for channel, unit in (("light.range", PER_KELVIN), *((name, angle_per_gradient) for name in TOWARDS_WARM)):
+        whole = sets.add((channel, unit * finely))
+        for k, place in enumerate((across, height)):  # layers that come and go, plumes that stand at one place
             there = cosine_basis(place, PLUME_TERMS)
-            plume = sets.add((channel, angle_per_gradient * tensor_product(finely, there)))
-            sets.add_set((*whole, *plume), weight=PLUME_WEIGHT)
+            plume = [*whole, *sets.add((channel, unit * tensor_product(finely, there)))]
+            if channel == "light.range":  # what bends light is of another density, too
+                of_ranges.append(plume)
+                continue
+            sets.add_set(plume, weight=PLUME_WEIGHT)
+            sets.add_set((*plume, *of_ranges[k]), weight=PLUME_WEIGHT)
     _add_range_scale(sets, inputs.context)
     return sets
 

@@ -33,7 +33,7 @@ SENSOR_WORDS = {  # in names of sensors, by the group of parts as machine files 
 }
 SCREW_TERMS = 48  # of any course in time of a screw
 FINE_TERMS, FINE_WEIGHT = 24, 0.1  # of any course in time
-FINEST_TERMS = 48  # of a strut, which is warm and cold again within minutes
+FINEST_TERMS = 96  # of a strut, which is warm and cold again within minutes
 CURVE_WEIGHT = 0.3  # what grows with recorded temperatures: with any mixture, or along any smooth curve
 HEAT_WEIGHT = 0.3  # what grows with heats of a drive, in proportion
 LEAST_S = 900.0  # a shorter campaign shows no warming
@@ -139,6 +139,10 @@ def column_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     for course in (inputs.context.elapsed_s, *(following for following, _ in _followed(inputs, "base"))):
         curves = [sets.add_along(((travel, power),), curve_over(course)) for power in powers.T]
         sets.add_set([c for columns in curves for c in columns], weight=CURVE_WEIGHT, size=rises)
+    if (mixed := _mixed(inputs, "base")) is not None:  # foot and head follow temperatures of their own
+        foot_and_head = [sets.add_along(((travel, power),), mixed) for power in powers.T[:2]]
+        of_mixture = tuple(middle**k for k in range(2) for _ in range(mixed.shape[1]))
+        sets.add_set([c for columns in foot_and_head for c in columns], weight=CURVE_WEIGHT, size=of_mixture)
     for side, turn, sign in inputs.leaning(drive):
         bent = alpha / COLUMN_WIDTH_M
         bending = ((side, 0.5 * sign * bent * h**2), (turn, bent * h))
@@ -247,6 +251,7 @@ EFFECTS = (
         measured="sum",
         textbook=Textbook("friction_heat", _LUMPED),
         varies_with=("own travel", "time"),
+        functions_vary_with=("own travel",),
         order=30,
     ),
 )

@@ -87,3 +87,24 @@ def test_few_positions_resolve_no_periods_below_those_of_common_scales(count, sh
     """A quarter of anything is explained by the best of 250,000 waves where 99 places are measured, however often."""
     q = np.repeat(np.linspace(0.0, 0.5, count) + 1e-4 * np.random.default_rng(1).random(count), 7)
     assert Periodogram.from_scores(q, q, 1.0).shortest_m == shortest_m
+
+
+def test_a_screw_and_its_pulley_are_one_error_of_two_periods(machine_and_context):
+    """Of three periods any two may be it together, if the travel tells them apart; its period is the longer one."""
+    machine, context = machine_and_context
+    q, travel_m = context.drives[:, 0], float(np.ptp(context.drives[:, 0]))
+    long_m, short_m = 8.0e-3, 5.0e-3
+    near_m = 1.0 / (1.0 / short_m + 0.5 / travel_m)
+
+    def periods(_drive, shortest_m, longest_m):
+        return [(p, 0.1) for p in (short_m, long_m, near_m) if shortest_m <= p <= longest_m]
+
+    built = load_catalogue().effect(SCREW).forms(replace(inputs_of(machine, context), periods=periods), 0)
+    of_two = [basis_set for basis_set in built.sets if len(basis_set.main) == 4]
+    assert [basis_set.parameters["period_m"] for basis_set in of_two] == [long_m, long_m]
+    assert all(basis_set.weight == pytest.approx(0.01) for basis_set in of_two)
+    law = 0.7 * np.sin(2.0 * np.pi * q / long_m + 1.0) + 0.6 * np.sin(2.0 * np.pi * q / short_m)
+    for basis_set, exact in zip(of_two, (True, False), strict=True):
+        columns = np.stack([built.contributions[c][0][1] for c in basis_set.columns], axis=1)
+        left = law - columns @ np.linalg.lstsq(columns, law, rcond=None)[0]
+        assert bool(np.sum(left**2) < 1e-12 * np.sum(law**2)) is exact

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from calibration.effects.api import Effect
-from calibration.effects.departures import functions_it_varies_with
+from calibration.effects.basis_functions import tensor_product
+from calibration.effects.catalogue import load_catalogue
+from calibration.effects.departures import functions_it_varies_with, functions_of_change
 from tests.calibration.diagnosis.dense import with_forms_at
 from tests.calibration.effects.general_functions import typical_inputs
 from tests.calibration.effects.test_structures import LEAST, explained, faded, moved_m, scaled
@@ -61,11 +63,43 @@ def friction_windup__grease(inputs):
     return {"travel.left": -context.direction[:, 0] * thick}
 
 
+def column_thermal_growth__foot_and_head(inputs):
+    """The foot follows the base, the head the air, late; in between it is as the height has it."""
+    context, h = inputs.context, inputs.height_m(0)
+    foot = context.part_temperature_k(inputs.machine.sensors["base"], 0.0)
+    head = context.part_temperature_k("air", 2500.0)
+    return {"travel.left": foot * (h - 0.4 * h**2) + head * 0.4 * h**2}
+
+
+def link_thermal_growth__fan(inputs):
+    """A fan that goes on and off 22 times blows warm air on a thin strut."""
+    context = inputs.context
+    every_s = np.ptp(context.t_s) / 22.0
+    in_time, warmth = np.argsort(context.t_s), np.zeros(len(context))
+    warm, before_s = 0.0, float(context.t_s.min())
+    for reading in in_time:
+        share = np.exp(-(context.t_s[reading] - before_s) / (0.2 * every_s))
+        blowing = context.elapsed_s[reading] // (0.5 * every_s) % 2
+        warm, before_s = warm * share + blowing * (1.0 - share), float(context.t_s[reading])
+        warmth[reading] = warm
+    return {"length.left_upper": warmth}
+
+
+def refraction__dense_air(inputs):
+    """Cold air that comes and goes on one side bends light and is optically longer."""
+    across = inputs.sight_m[:, 0]
+    there = scaled(across) ** 2 * np.sin(5.0 * scaled(inputs.context.elapsed_s))
+    return {"light.hz": 0.5e-6 * there, "light.range": 0.8e-6 * there}
+
+
 LAWS = (
-    axis_coupling__rope, column_compliance__hung_before,
+    column_thermal_growth__foot_and_head, link_thermal_growth__fan, refraction__dense_air, axis_coupling__rope,
+    column_compliance__hung_before,
     tables_left_on__at_another_drive, link_stiffness__overloaded, friction_windup__grease,
 )  # fmt: skip
 LEAST_OF = {
+    "column_thermal_growth__foot_and_head": 1.0 - 1e-9,
+    "link_thermal_growth__fan": 0.993,
     "axis_coupling__rope": 1.0 - 1e-9,
     "column_compliance__hung_before": 1.0 - 1e-9,
     "tables_left_on__at_another_drive": 1.0 - 1e-9,
@@ -102,6 +136,29 @@ def test_a_strength_may_follow_what_the_own_motions_of_a_drive_have_warmed(long_
     of_other = np.exp(-1.5 * scaled(faded(long_inputs, np.abs(moved_m(long_inputs, 1)), 300.0)))
     assert strength_left(long_inputs, with_forms_at(0), stiff, "warmth") < 0.03
     assert strength_left(long_inputs, with_forms_at(0), of_other, "warmth") > 0.15
+
+
+def test_a_strength_may_be_another_one_at_each_turn_of_a_pinion(long_inputs):
+    """Five turns over the travel."""
+    u = 0.5 + 0.5 * long_inputs.normalised_travel(0)
+    runs_out = 0.55 + 0.45 * np.sin(2.0 * np.pi * 5.0 * u + 1.0)
+    assert strength_left(long_inputs, with_forms_at(0), runs_out, "own travel") < 0.05
+
+
+def test_a_screw_may_be_warm_near_its_motor_alone(long_inputs):
+    """What holds the weight warms its lower end: beyond that it is as far off wherever the nut is."""
+    effect, x = load_catalogue().effect("screw_thermal_growth"), long_inputs.context.drives[:, 0]
+    warm = 1.0 - np.exp(-long_inputs.context.elapsed_s / 1500.0)
+    law = warm * (1.0 - np.exp(-(x - x.min()) / 0.25))
+    uniformly = warm[:, None] * np.column_stack([np.ones_like(x), x])
+    unevenly = [tensor_product(uniformly, f) for f in functions_of_change(long_inputs, effect, 0).values()]
+
+    def left(columns) -> float:
+        return float(np.sum((law - columns @ np.linalg.lstsq(columns, law, rcond=None)[0]) ** 2) / np.sum(law**2))
+
+    assert functions_of_change(long_inputs, effect, 0)["travel.left"].shape[1] == 4  # by each of its many columns
+    assert left(uniformly) > 0.01
+    assert left(np.column_stack([uniformly, *unevenly])) < 1e-4
 
 
 @pytest.mark.parametrize(("kind", "field"), [("course", "t_s"), ("warmth", "t_s"), ("warmth", "history")])

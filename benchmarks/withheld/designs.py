@@ -85,10 +85,11 @@ def with_visits(design: Design, visits: tuple[Visit, ...]) -> Design:
 
 @dataclass
 class Designs:
-    """All designs of a run, drawn from one seed; each is made when it is first asked for."""
+    """All designs of a run, drawn from one seed; each is made when it is first asked for. options: by style."""
 
     seed: int
     counts: dict[str, int] = field(default_factory=lambda: COUNTS)
+    options: dict[str, DesignOptions] = field(default_factory=lambda: OPTIONS)
     machine: MachineFile = field(default_factory=lambda: read_machine_file(MACHINE))
     _designs: dict[str, Drawn] = field(default_factory=dict)
 
@@ -100,9 +101,9 @@ class Designs:
         """The design of a name."""
         if name not in self._designs:
             style, number = name.rstrip("0123456789"), int(name[-1])
-            words = [self.seed, list(OPTIONS).index(style), number]
+            words = [self.seed, list(self.options).index(style), number]
             rng = np.random.default_rng(np.random.SeedSequence(words))
-            timeline = plan(self.machine, draw_design(self.machine, rng, OPTIONS[style]))
+            timeline = plan(self.machine, draw_design(self.machine, rng, self.options[style]))
             start_s = timeline.design.start_s
             duration_s = float(timeline.t_s[-1]) - start_s
             swing_k = float(rng.uniform(*SWING_K[style]))

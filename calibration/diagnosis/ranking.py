@@ -105,7 +105,8 @@ def rank_effects(
         # Where a nonlinear law leads, the basis sets of another one say little of what its curve explains.
         rival = law_leads and bool(effect.curves_at(inputs, 0))
         least = VERDICT.detection_threshold if rival else threshold
-        if by_visit and effect.anew_by_visit:  # of which basis sets by themselves say nothing
+        # Of what is anew at each visit basis sets by themselves say nothing, but of a reflector's.
+        if by_visit and effect.anew_by_visit and effect.place != "smr" and not explained:
             least = -math.inf
         if (log_evidence := _total_log_evidence(places)) <= least:
             unrefined = log_evidence > VERDICT.detection_threshold
@@ -285,7 +286,7 @@ def _refine(
     *,
     by_visit: bool,
 ) -> list[_PlaceEvidence]:
-    """The same with the effect's departures and its curves, at the places where its basis sets have evidence."""
+    """The same with departures and curves, where the basis sets have evidence; elsewhere with what is anew."""
     every, low = effect.places(inputs.machine), smallest_size(likelihood, effect)
     strongest = max(place.log_evidence for place in places)
 
@@ -300,39 +301,34 @@ def _refine(
             return _PlaceEvidence(place.place, both, fit.best, fit.contributions)
         return replace(place, log_evidence=both)
 
+    def is_anew(near: _PlaceEvidence) -> bool:
+        return by_visit and bool(near.form) and near.form == effect.anew_by_visit
+
+    def departing(near: _PlaceEvidence) -> _PlaceEvidence:
+        found = with_departures(
+            likelihood, inputs, effect, every.index(near.place), near.best, near.contributions, low,
+            by_visit=by_visit, anew=is_anew(near),
+        )  # fmt: skip
+        # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
+        log_evidence = near.log_evidence + found.gain
+        return _PlaceEvidence(near.place, log_evidence, found.best, found.contributions, found.unexpected)
+
     def refine(place: _PlaceEvidence) -> _PlaceEvidence:
-        number = every.index(place.place)
-
-        def departing(near: _PlaceEvidence) -> _PlaceEvidence:
-            anew = bool(near.form) and near.form == effect.anew_by_visit
-            found = with_departures(
-                likelihood, inputs, effect, number, near.best, near.contributions, low, by_visit=by_visit, anew=anew
-            )
-            # The best basis set holds nearly all of the evidence, so that what it gains the effect gains.
-            log_evidence = near.log_evidence + found.gain
-            return _PlaceEvidence(place.place, log_evidence, found.best, found.contributions, found.unexpected)
-
-        # By itself, the form that may be anew at each visit is what the calibration takes.
-        others = (near for near in place.others if by_visit or not near.form or near.form != effect.anew_by_visit)
-        return max((departing(near) for near in (with_curves(place), *others)), key=lambda one: one.log_evidence)
+        if place.log_evidence > threshold:
+            ways = [departing(near) for near in (with_curves(place), *place.others)]
+        else:
+            ways = [place, *(departing(near) for near in place.others if is_anew(near))]
+        return max(ways, key=lambda way: way.log_evidence)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
-    if by_visit and effect.anew_by_visit:
-        threshold = -math.inf
-    return [refine(place) if place.log_evidence > threshold else place for place in places]
+    return [refine(place) for place in places]
 
 
 def _cause(effect: Effect, places: list[_PlaceEvidence]) -> Cause:
     total, best = _total_log_evidence(places), max(places, key=lambda place: place.log_evidence)
     probabilities = {place.place: float(np.exp(place.log_evidence - total)) for place in places}
     return Cause(
-        effect,
-        total,
-        probabilities,
-        best.place,
-        best.best,
-        best.contributions,
-        departure_gain=best.departure_gain,
+        effect, total, probabilities, best.place, best.best, best.contributions, departure_gain=best.departure_gain
     )
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
+from calibration.diagnosis.anew_at_visits import told_from_other_channels
 from calibration.diagnosis.channel_responses import UNKNOWN_CHANNEL
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
@@ -88,27 +89,10 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     leaders = {cause.effect.name for cause in (*ranked, *found.causes[:1])}
     ranking = first_likely([*ranked, *others])
     by_visit = _search(likelihood, inputs, effects, ranking, by_visit=True, leaders=leaders)
-    if by_visit.log_evidence <= found.log_evidence or not _is_told_from_other_channels(by_visit):
+    told = told_from_other_channels(by_visit.causes, by_visit.ranking, by_visit.non_parametric_alone)
+    if by_visit.log_evidence <= found.log_evidence or not told:
         return found
     return replace(by_visit, not_begun_with=tuple(dict.fromkeys((*found.not_begun_with, *by_visit.not_begun_with))))
-
-
-def _is_told_from_other_channels(result: SearchResult) -> bool:
-    """Whether what is anew at each visit is seen to be where its effects say: numbers for the visits explain anything
-    that stays as it is during one, at whatever channel that is, and at the true one they explain clearly more. What
-    acts at a reflector, no other channel does."""
-    anew = {c.effect.name for c in result.causes if c.effect.anew_by_visit and differs_by_visit(c)}
-    for alone in (c for c in result.ranking if c.effect.name in anew and c.effect.place != "smr"):
-        own = {channel for part in alone.parts for column in part.contributions for channel, _ in column}
-        here, elsewhere = alone.log_evidence, 0.0
-        for function in result.non_parametric_alone:
-            if {name for name, _ in function.channels} <= own:
-                here = max(here, function.log_evidence)
-            else:
-                elsewhere = max(elsewhere, function.log_evidence)
-        if here < elsewhere + VERDICT.least_gain_of_channel:
-            return False
-    return True
 
 
 def include_effects(

@@ -9,7 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.diagnosis import departure_evidence, search
+from calibration.diagnosis import anew_at_visits, departure_evidence
 from calibration.diagnosis.basis_set_evidence import evidence_of_basis_sets
 from calibration.diagnosis.effect_inputs import inputs_of_readings, inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
@@ -62,7 +62,7 @@ def test_what_another_channel_explains_as_well_is_not_in_its_play(quiet, monkeyp
     shift = quiet.columns([(("force.x", pulls),)])[:, :, 0]
     shift *= 4.0 / np.sqrt(np.mean(shift**2))
     planted = quiet.on(replace(quiet.linear, residual=quiet.linear.residual + shift))
-    monkeypatch.setattr(search, "VERDICT", replace(VERDICT, least_gain_of_channel=least))
+    monkeypatch.setattr(anew_at_visits, "VERDICT", replace(VERDICT, least_gain_of_channel=least))
     found = search_causes(planted, inputs_of_recording(planted, periodograms(planted)), load_catalogue().effects)
     assert any(VISIT in cause.differs_with for cause in found.causes) is differs
 

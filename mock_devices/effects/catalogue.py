@@ -24,6 +24,7 @@ from mock_devices.effects import (
     outside_bearings_hoses,
     outside_contacts,
     outside_counters,
+    outside_faces_gears,
     outside_final,
     outside_further,
     outside_hooks_floors,
@@ -77,6 +78,7 @@ SPECS: dict[str, EffectSpec] = {
         outside_counters,
         outside_magnets_ways,
         outside_hooks_floors,
+        outside_faces_gears,
         outside_final,
         ordinary_disturbances,
     )

@@ -20,10 +20,15 @@ GRIPS_S, GRIPPED = (3.0, 10.0), 0.2  # of a clamp: rest after which it grips; co
 SINKS_M_PER_S, RECOVERS_S, PRESSURE = 0.3, (6.0, 20.0), 0.15  # of oil for both carriages: stop of the next one for the
 # size; time constant; compliance at full pressure over the size
 BALLS_M, MORE = (0.03, 0.06), 0.3  # of balls under load: travel from one to the next; compliance with one more of them
+TENSE, SINKS_IN = (
+    0.15,
+    (1.5, 5.0),
+)  # of bolts: compliance while they are tense, over the size; exchanges of payload that
+# leave 1 / e of their tension
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
 BY_STATE = (
     "resin_bed", "warm_resin", "swaying_frame", "floating_carriage", "opening_joint", "clamped_at_rest",
-    "balls_in_turn", "shared_pressure",
+    "balls_in_turn", "shared_pressure", "embedding_bolts",
 )  # fmt: skip
 _ALONG, _ACROSS, _YAW = 0, 1, 2
 
@@ -69,6 +74,9 @@ class ColumnCompliance(Effect):
     `shared_pressure`: one pump feeds the oil under both carriages, and a motion of the next drive takes from its
     pressure by the speed, so that this carriage gives way further until the pressure has recovered: E. Lewis, H. Stern,
     "Design of Hydraulic Control Systems" (1962). The size is that when the next drive stops from SINKS_M_PER_S.
+    `embedding_bolts`: every exchange of the payload lets the bolts of the carriage sink into what they press by a share
+    of their tension, and the joint gives way further: A. Thum, F. Debus, "Vorspannung und Dauerhaltbarkeit von
+    Schraubenverbindungen" (1936). The size is that without tension.
     """
 
     def setup(self) -> None:
@@ -81,6 +89,7 @@ class ColumnCompliance(Effect):
         self.balls_m = float(self.rng.uniform(*BALLS_M))
         self.balls_at = float(self.rng.uniform(0.0, 1.0))
         self.recovers_s = float(self.rng.uniform(*RECOVERS_S))
+        self.sinks_in = float(self.rng.uniform(*SINKS_IN))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add compliance at the carriage."""
@@ -114,6 +123,7 @@ class ColumnCompliance(Effect):
                 "swaying_frame": self._swayed,
                 "floating_carriage": self._floated,
                 "opening_joint": self._opened,
+                "embedding_bolts": self._embedded,
             }
             share = shares.get(self.variant, self._resin)(state)
             deviation.carriage_compliance[:, a, _ACROSS] += c * share
@@ -163,6 +173,10 @@ class ColumnCompliance(Effect):
         """Compliance of a joint (n,) over the size, by the payload beyond that which opens it."""
         beyond = np.maximum(state.payload_kg - self.opens_kg, 0.0) / EXCESS_KG
         return np.asarray(CLOSED + (1.0 - CLOSED) * beyond)
+
+    def _embedded(self, state: MotionState) -> Array:
+        """Compliance of a joint (n,) over the size, by the tension that exchanges of the payload have left its bolts."""
+        return np.asarray(1.0 - (1.0 - TENSE) * np.exp(-state.exchanges / self.sinks_in))
 
     def _resin(self, state: MotionState) -> Array:
         """Compliance of the resin under the rail (n,) over the size."""

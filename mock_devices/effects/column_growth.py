@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState
-from mock_devices.effects.followers import PlaceMemory
+from mock_devices.effects.followers import FieldMemory, PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S
 from mock_devices.effects.warming import AIR, Warming, ahead_of_front, cycled, lag_behind, soaked, warm_up
@@ -24,8 +24,10 @@ HEATS_S, HEATS, HEATER_FIN_M = (900.0, 2400.0), (0.3, 0.6), 0.5  # of a heater: 
 # in which its warmth falls by e
 ALONG_IT = (
     "drying", "neighbours_oil", "draughty_hatch", "heat_wave", "braking_resistor", "cycled_heater", "ceiling_layer",
+    "carriages_lamp",
 )  # fmt: skip
 FILLS_S = (2000.0, 6000.0)  # time constant of warm air that fills the hall from above
+LAMP_M, CELL_M = (0.12, 0.3), 0.02  # of a lamp: how far from it what it gives a column has fallen to 1 / e; of a cell
 DRIES = 0.3  # time constant in which the last coolant goes, over tau_s
 
 
@@ -67,6 +69,9 @@ class ColumnGrowth(Warming):
     more slowly; only what of the column is above that edge grows: E. E. Zukoski, "Development of a Stratified Ceiling
     Layer in the Early Stages of a Closed-Room Fire" (1978). It begins at the column's head. The size is where the part
     within the layer ends, which nears that with tau_s.
+    `carriages_lamp`: a lamp on the carriage warms the column right behind it, for as long as it stands there, and what
+    it has left cools: B. Thompson (Count Rumford), "An Inquiry Concerning the Nature of Heat, and the Mode of Its
+    Communication" (1804). The size is where the column right behind it ends if the carriage stays, with tau_s.
     """
 
     sensor = "columns"
@@ -95,6 +100,10 @@ class ColumnGrowth(Warming):
         self.cycle_s, self.heats = float(own.uniform(*HEATS_S)), float(own.uniform(*HEATS))
         self.heater_m = middle + half * float(own.uniform(-0.5, 0.5))
         self.fills_s = float(own.uniform(*FILLS_S))
+        self.lamp_m = float(self.rng.spawn(1)[0].uniform(*LAMP_M))
+        strut = next(s for s in self.site.machine.struts if s.drive == self.place)
+        self.cells_m = np.arange(FOOT_M - strut.base_joint.imag, middle + half + CELL_M, CELL_M)  # where each begins
+        self._lit = FieldMemory(self._before_lamp, len(self.cells_m), tau)
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the carriage warm its rail, or the next one the oil."""
@@ -104,6 +113,8 @@ class ColumnGrowth(Warming):
             self._lowered.record(leg)
         if self.variant == "draughty_hatch" and drive == self.place:
             self._draught.record(leg)
+        if self.variant == "carriages_lamp" and drive == self.place:
+            self._lit.record(leg)
         if self.variant == "rail_heat" and drive == self.place:
             self._heat.record(leg)
 
@@ -154,6 +165,16 @@ class ColumnGrowth(Warming):
         edge_m = head_m * (1.0 + elapsed_s / self.fills_s) ** -1.5
         return warm_up(elapsed_s, self.values["tau_s"]) * np.maximum(height_m - edge_m, 0.0)
 
+    def _before_lamp(self, q_m: Array) -> Array:
+        """Where a lamp on the carriage lets each cell end (n, cells), over the size."""
+        away_m = self.cells_m + 0.5 * CELL_M - q_m[:, None]
+        return np.asarray(np.exp(-((away_m / self.lamp_m) ** 2)))
+
+    def _lit_m(self, state: MotionState) -> Array:
+        """Metres of whole warmth (n,) below the carriage by its lamp."""
+        below_m = np.clip(state.q_m[:, [self.place]] - self.cells_m, 0.0, CELL_M)
+        return np.asarray((self._lit.at(state, self.place) * below_m).sum(axis=1))
+
     def _warm_m(self, state: MotionState, height_m: Array) -> Array:
         """Warmth from the foot to a height (n,) over the size, in metres."""
         if self.variant == "drying":
@@ -162,6 +183,8 @@ class ColumnGrowth(Warming):
             oil = self.variant == "neighbours_oil"
             warm = self._oil.at(state, self.next) if oil else self._lowered.at(state, self.place)
             return np.asarray(warm[:, 0] * height_m)
+        if self.variant == "carriages_lamp":
+            return self._lit_m(state)
         if self.variant == "heat_wave":
             return self._waved_m(self.elapsed_s(state), height_m)
         if self.variant in ("cycled_heater", "ceiling_layer"):

@@ -9,6 +9,7 @@ import numpy as np
 from mock_devices.effects.base import Array, Deviation, Effect, EffectParameter, EffectSpec, Leg, MotionState
 from mock_devices.effects.followers import Dragged, PlaceMemory
 from mock_devices.effects.latency import Latency
+from mock_devices.effects.leg_memory import LegMemory, ways_m
 from mock_devices.effects.strut_ways import beside_m
 
 REFERENCE_SPEED_M_PER_S = 0.5
@@ -22,6 +23,7 @@ LEADS_M = (0.01, 0.016, 0.02, 0.025)  # of the other axis's screw
 OIL_K, ABSOLUTE_K = 10000.0, 273.15  # of an oil: viscosity is exp(OIL_K / T) at the absolute temperature T
 POLES_M = (0.08, 0.2)  # how far beside each other the magnets of both axes run
 DASHPOT_S = (20.0, 80.0)  # time constant in which a dashpot lets go
+LEAKS_S = (60.0, 300.0)  # time constant in which oil leaks away from under an axis
 WRAPS = 0.5  # friction of a rope on its pulleys times the angle round which it lies
 
 
@@ -62,6 +64,8 @@ class AxisCoupling(Effect):
     `relaxing_dashpot`: a spring and a dashpot in a row tie both axes, so that each motion of the other one pulls at
     this one, and its rest lets go until nothing is left, wherever it stands: J. C. Maxwell, "On the Dynamical Theory of
     Gases" (1867).
+    `pumped_jack`: every way of the other one, up or down, pumps oil under this one and lifts it, and the oil leaks away
+    in time: B. Pascal, "Traités de l'équilibre des liqueurs" (1663). The ratio is that before any has leaked.
     """
 
     def setup(self) -> None:
@@ -75,10 +79,14 @@ class AxisCoupling(Effect):
         self.dashpot_s = float(self.rng.uniform(*DASHPOT_S))
         others_middle_m = self.site.drive_range_m(self.other)[0]
         self._piston = PlaceMemory(lambda q_m: q_m - others_middle_m, self.dashpot_s)
+        self.leaks_s = float(self.rng.uniform(*LEAKS_S))
+        self._pumped = LegMemory(ways_m, self.leaks_s)
         self._chain = Dragged(DRAG_M, self.site.drive_range_m(self.other)[0])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
-        """Let the other axis drag the chain or the piston."""
+        """Let the other axis drag the chain or the piston, or pump."""
+        if self.variant == "pumped_jack" and drive == self.other:
+            self._pumped.record(leg)
         if self.variant == "relaxing_dashpot" and drive == self.other:
             self._piston.record(leg)
         if self.variant == "dragged_chain" and drive == self.other:
@@ -125,6 +133,8 @@ class AxisCoupling(Effect):
         elif self.variant in ("relaxing_dashpot", "dragged_chain"):
             dashpot = self.variant == "relaxing_dashpot"
             y = x - self._piston.at(state, b) if dashpot else self._chain.at(state, b) - middle
+        elif self.variant == "pumped_jack":
+            y = self._pumped.at(state, b)[:, 0]
         elif self.variant == "elastic_bed":
             away = BED_PER_M * np.abs(state.q_m[:, a] - mine - x)
             y = -0.25 * np.exp(-away) * (np.cos(away) + np.sin(away))
@@ -170,8 +180,9 @@ EFFECTS = (
             "taut_rope",
             "drawn_together",
             "relaxing_dashpot",
+            "pumped_jack",
         ),
-        final="relaxing_dashpot",
+        final="pumped_jack",
         reveals="the other drive's coordinate or motion, by variant payload, direction, dwell, temperature, SMRs on "
         "the sliders",
         make=AxisCoupling,
@@ -198,8 +209,9 @@ EFFECTS = (
             "warm_quartz",
             "hot_processor",
             "burst_noise",
+            "scheduled_window",
         ),
-        final="burst_noise",
+        final="scheduled_window",
         reveals="readings on the fly at several speeds, or short dwell, by variant time, also by chance, and a "
         "temperature swing",
         make=Latency,

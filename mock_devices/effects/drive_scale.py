@@ -29,6 +29,7 @@ UP_K, BACK_K = (0.05, 0.25), (0.1, 0.25)  # of a reader's range: switched above 
 MAINS_S = (250.0, 800.0)  # in which the frequency of the mains swings
 RIM_M, WHEEL_M = (5.0, 25.0), 80.0  # of a wheel: way that its hard rim lasts; way after that for the size
 HELD, FULL_PAYLOAD_KG = (-0.5, 0.5), 400.0  # of a tape that bears: where it is held, over half the travel; for the size
+PINNED = (-0.5, 0.5)  # of a scale that is magnetised: where it is pinned, over half the travel
 RELAXES_S, HOUR_S = 60.0, 3600.0
 
 
@@ -74,6 +75,9 @@ class DriveScale(StatefulEffect):
     `loaded_tape`: from the onset on the tape of the scale bears a part of the payload, which stretches it from where it
     is held: T. Young, "A Course of Lectures on Natural Philosophy" (1807). The size is that of FULL_PAYLOAD_KG at the
     upper end of the travel.
+    `neighbours_magnet`: from the onset on the field of the next drive's motor reaches the scale, which its last motion
+    leaves magnetised along or across, and so longer or shorter by the direction: J. P. Joule, "On the Effects of
+    Magnetism upon the Dimensions of Iron and Steel Bars" (1847). The size is that at the upper end of the travel.
     """
 
     def state_after(self, drive: int, before: float, leg: Leg) -> float:
@@ -93,6 +97,7 @@ class DriveScale(StatefulEffect):
         self.mains_at = float(self.rng.uniform(0.0, 2.0 * np.pi))
         self.rim_m = float(self.rng.uniform(*RIM_M))
         self.held = float(self.rng.uniform(*HELD))
+        self.pinned = float(self.rng.spawn(1)[0].uniform(*PINNED))
         self._warmed = LegMemory(lambda way, _speed, _: np.abs(way) / (DUTY_M_PER_S * READER_S), READER_S)
         onset_s = self.site.start_s + self.values["onset_s"]
         self._slid = LegMemory(
@@ -143,6 +148,9 @@ class DriveScale(StatefulEffect):
         elif self.variant in ("relaxing_tape", "loaded_tape"):
             loaded = after * state.payload_kg / FULL_PAYLOAD_KG * (from_middle - self.held) / (1.0 - self.held)
             y = loaded if self.variant == "loaded_tape" else -self._relaxed(state) * (from_middle + 1.0) / 2.0
+        elif self.variant == "neighbours_magnet":
+            direction = state.direction[:, (a + 1) % len(self.site.machine.sliders)]
+            y = after * direction * (from_middle - self.pinned) / (1.0 - self.pinned)
         elif self.variant == "switching_range":
             y = self.sign * self._switched(state) * from_middle
         elif self.variant == "wandering_mains":
@@ -211,8 +219,9 @@ EFFECTS = (
             "wandering_mains",
             "worn_wheel",
             "loaded_tape",
+            "neighbours_magnet",
         ),
-        final="loaded_tape",
+        final="neighbours_magnet",
         reveals="time or motions made, a temperature swing, by variant their speed and direction, payload, drive "
         "coordinate, SMRs on the sliders",
         make=DriveScale,

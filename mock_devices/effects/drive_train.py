@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from scipy.special import j0, jn_zeros
 
 from mock_devices.effects.base import (
     Array,
@@ -32,6 +33,11 @@ TERMS = (2, 5)  # of a corrector
 LONE_M = (0.05, 0.15)  # half width of a lone wave, for the hyperbolic secant
 SPOOL_M, THICKER = (0.12, 0.22), (0.15, 0.4)  # of a tape on a spool: length of the first turn; by how much longer, over
 # that, each next one is
+NODES, HANGS_M = (
+    (4, 7),
+    ((0.02, 0.25), (0.0, 0.4)),
+)  # of a tape that hung: places that stood still; how far it hung down
+# below the travel and from what above it
 BLOW_M, WAVES = (0.4, 0.7), (4.0, 7.0)  # of a blow on a tape: how far below the travel; waves along that
 
 
@@ -66,6 +72,8 @@ class CumulativeError(Effect):
     square of a hyperbolic secant in D. J. Korteweg, G. de Vries, "On the Change of Form of Long Waves" (1895).
     `spooled_tape`: a tape lay long on its spool and has kept a wave for each turn, all alike but each longer than the
     one below by the tape's thickness: Archimedes, "On Spirals", ed. T. L. Heath (1897).
+    `hung_tape`: a tape swung while it hung freely before it was glued, and has kept that, in waves that are longer and
+    lower the higher up: D. Bernoulli, "Theoremata de oscillationibus corporum filo flexili connexorum" (1738).
     """
 
     def setup(self) -> None:
@@ -116,7 +124,7 @@ class CumulativeError(Effect):
         self._draw_waves(fine)
 
     def _draw_waves(self, fine: Array) -> None:
-        """A lone wave, and the turns of a tape on its spool."""
+        """A lone wave, the turns of a tape on its spool, and the swing of one that hung."""
         middle, half = self.site.drive_range_m(self.place)
         own = self.rng.spawn(1)[0]
         self.lone_at_m = middle + half * float(own.uniform(-0.5, 0.5))
@@ -130,6 +138,22 @@ class CumulativeError(Effect):
         spooled = self._spooled(fine)
         self.spooled_level = np.polyfit(fine, spooled, 1)
         self.spooled_most = float(np.abs(spooled - np.polyval(self.spooled_level, fine)).max())
+
+        own = self.rng.spawn(1)[0]
+        self.nodes = int(own.integers(NODES[0], NODES[1] + 1))
+        self.hangs_m = (
+            middle - half - float(own.uniform(*HANGS_M[0])),
+            middle + half + float(own.uniform(*HANGS_M[1])),
+        )
+        hung = self._hung(fine)
+        self.hung_level = np.polyfit(fine, hung, 1)
+        self.hung_most = float(np.abs(hung - np.polyval(self.hung_level, fine)).max())
+
+    def _hung(self, q_m: Array) -> Array:
+        """What a tape that swung while it hung has kept (n,), over its swing at the lower end."""
+        free_m, held_m = self.hangs_m
+        up = np.maximum(q_m - free_m, 0.0) / (held_m - free_m)
+        return np.asarray(j0(float(jn_zeros(0, self.nodes)[-1]) * np.sqrt(up)))
 
     def _along_pieces(self, q_m: Array) -> Array:
         """Error of the rack (n,): where its piece lies, and half of that again by the pitch within the piece."""
@@ -207,11 +231,13 @@ class CumulativeError(Effect):
             "few_terms",
             "lone_wave",
             "spooled_tape",
+            "hung_tape",
         ):
             waves, level, most = {
                 "copied_gear": (self._copied, self.copied_level, self.copied_most),
                 "beating_wheels": (self._beating, self.beating_level, self.beating_most),
                 "spooled_tape": (self._spooled, self.spooled_level, self.spooled_most),
+                "hung_tape": (self._hung, self.hung_level, self.hung_most),
                 "lone_wave": (self._lone, self.lone_level, self.lone_most),
                 "few_terms": (self._beyond_terms, self.left_level, self.left_most),
                 "dispersed_blow": (self._blown, self.blown_level, self.blown_most),
@@ -250,8 +276,9 @@ EFFECTS = (
             "few_terms",
             "lone_wave",
             "spooled_tape",
+            "hung_tape",
         ),
-        final="spooled_tape",
+        final="hung_tape",
         reveals="drive coordinate, SMRs on the sliders",
         make=CumulativeError,
     ),
@@ -279,8 +306,9 @@ EFFECTS = (
             "conical_drum",
             "bent_end",
             "racked_bearings",
+            "off_focus",
         ),
-        final="racked_bearings",
+        final="off_focus",
         reveals="many drive positions off a grid, by variant direction, payload and distance moved, the other "
         "drive's coordinate, SMRs on the sliders",
         make=PeriodicError,

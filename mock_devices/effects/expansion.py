@@ -18,8 +18,10 @@ CURIE_K = (-0.1, 0.3)  # where an alloy loses its magnetism, above the temperatu
 RATE_S, LOOKS_BACK_S = 1800.0, 120.0  # time in which one kelvin gives the growth of one; over which a rate is taken
 OF_STRUTS = (
     "nickel_steel", "late_growth", "martensite", "curie_kink", "stressed_alloy", "strained_by_rate", "grows_for_good",
+    "ratcheting_metal",
 )  # fmt: skip
 FOR_GOOD_K = (0.0, 0.2)  # by how much warmer than at the begin iron grows for good
+RATCHETS_K = (0.02, 0.15)  # swing of the temperature up to which a metal ratchets by nothing
 ALLOY_K = 2.0  # growth without a change of phase that is as large as the change
 FULL_PAYLOAD_KG = 400.0
 
@@ -62,6 +64,9 @@ class ExpansionCoefficient(Effect):
     `grows_for_good`: the struts are of grey iron, which besides what is stated grows by the highest temperature that it
     has had since the campaign's begin, from somewhat above that of the begin on, and keeps that: H. F. Rugan, H. C. H.
     Carpenter, "The Growth of Cast Irons After Repeated Heatings" (1909).
+    `ratcheting_metal`: besides what is stated, the struts grow with every warming, beyond a small one, and keep that as
+    they cool, so that each next swing of the temperature adds its own: J. Bree, "Elastic-Plastic Behaviour of Thin
+    Tubes Subjected to Internal Pressure and Intermittent High-Heat Fluxes" (1967).
     """
 
     thickness_m = 0.2  # of column and rail together
@@ -77,6 +82,7 @@ class ExpansionCoefficient(Effect):
         self.feet_k = float(self.rng.uniform(*FEET_K))
         self.kink_k = float(self.rng.uniform(*CURIE_K))
         self.for_good_k = float(self.rng.uniform(*FOR_GOOD_K))
+        self.ratchets_k = float(self.rng.uniform(*RATCHETS_K))
 
     def warmth_k(self, state: MotionState, part: str) -> Array:
         """Recorded temperature of a part above the machine file's reference (n,)."""
@@ -158,6 +164,8 @@ class ExpansionCoefficient(Effect):
             return self._late_k(state)
         if self.variant in ("martensite", "grows_for_good"):
             return ALLOY_K * self._turned(state) if self.variant == "martensite" else self._kept_k(state)
+        if self.variant == "ratcheting_metal":
+            return self._ratcheted_k(state)
         if self.variant == "strained_by_rate":
             sensor, start_s = self.site.machine.expansion["struts"].sensor, self.site.start_s
             then_s = np.maximum(state.t_s - LOOKS_BACK_S, start_s)
@@ -201,6 +209,16 @@ class ExpansionCoefficient(Effect):
         kept_k = np.maximum.accumulate(np.maximum(warmer_k - self.for_good_k, 0.0))
         return np.asarray(np.interp(state.t_s, grid, kept_k))
 
+    def _ratcheted_k(self, state: MotionState) -> Array:
+        """By how many kelvin all warmings so far (n,) have gone beyond what a metal bears."""
+        grid, warmer_k = self._since_begin_k(state, "struts")
+        follows, now = np.empty_like(grid), 0.0
+        for i, k in enumerate(warmer_k.tolist()):
+            now = min(max(now, k - 0.5 * self.ratchets_k), k + 0.5 * self.ratchets_k)
+            follows[i] = now
+        grown_k = np.cumsum(np.maximum(np.diff(follows, prepend=0.0), 0.0))
+        return np.asarray(np.interp(state.t_s, grid, grown_k))
+
     def _jumped_k(self, state: MotionState) -> Array:
         """By how much warmer the frame was when its feet last jumped than at the campaign's begin (n,)."""
         grid, warmer_k = self._since_begin_k(state, "base")
@@ -243,8 +261,9 @@ EFFECTS = (
             "graded_screw",
             "strained_by_rate",
             "grows_for_good",
+            "ratcheting_metal",
         ),
-        final="grows_for_good",
+        final="ratcheting_metal",
         reveals="recorded temperatures of the parts, by variant how fast they change, their highest so far or "
         "the payload, SMRs on the sliders",
         make=ExpansionCoefficient,

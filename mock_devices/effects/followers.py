@@ -41,6 +41,32 @@ class PlaceMemory:
         return np.asarray(there + (arrived - there) * np.exp(-rested_s / self._tau_s))
 
 
+class FieldMemory:
+    """As PlaceMemory, of many cells at once: the aim (n, cells) depends on where a drive stands."""
+
+    def __init__(self, aim: Callable[[Array], Array], cells: int, tau_s: float) -> None:
+        self._aim, self._tau_s = aim, tau_s
+        self._before = [np.zeros(cells)]
+
+    def record(self, leg: Leg) -> None:
+        """A leg and the rest after it have ended."""
+        ends = (np.array([x]) for x in (leg.start_s, leg.end_s, leg.until_s, leg.from_m, leg.to_m))
+        self._before.append(self._after(self._before[-1][None], *ends)[0])
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """Where they are at the moments of a state (n, cells)."""
+        before = np.stack([self._before[k] for k in state.leg[:, drive].tolist()])
+        start_s, end_s = state.leg_start_s[:, drive], state.leg_end_s[:, drive]
+        return self._after(before, start_s, end_s, state.t_s, state.from_m[:, drive], state.q_m[:, drive])
+
+    def _after(self, before: Array, start_s: Array, end_s: Array, t_s: Array, from_m: Array, to_m: Array) -> Array:
+        there = self._aim(to_m)
+        underway = 0.5 * (self._aim(from_m) + there)
+        moved_s, rested_s = np.minimum(end_s, t_s) - start_s, np.maximum(t_s - end_s, 0.0)
+        arrived = underway + (before - underway) * np.exp(-moved_s / self._tau_s)[:, None]
+        return np.asarray(there + (arrived - there) * np.exp(-rested_s / self._tau_s)[:, None])
+
+
 class Fanned:
     """Nears one with a time constant at rest, and cools `faster(speed)` times as fast while its drive moves; zero at
     first. What warms it stays the same, so that it nears one over that during a motion."""

@@ -26,6 +26,8 @@ REBOUNDS, EARLY = (
 )  # of relieved ground: part of the rise over the size; its times
 FAILS, HELD = (0.4, 1.0), 0.95  # of a slope: when it would fail, over tau_s; share of that after which it is held
 SEICHE_S, FADES = (600.0, 1500.0), 3.0  # of a lake: period; time constant in which it calms down, over tau_s
+TRAINS_S, TRAINS, PACKS = 300.0, 200, (0.15, 0.4)  # mean time between two trains; how many are drawn; share of what is
+# loose that each packs
 AT_ONCE = 0.5  # share of a bowl under the other foot that follows at once
 FLOW = 0.2  # even part of the creep of lead, after four times tau_s
 _TERMS = 60
@@ -73,6 +75,8 @@ class FoundationSettling(Effect):
     `lake_seiche`: a gust at the onset has set a lake near by swinging, whose water presses the ground as it comes and
     goes, ever less, so that the foot sinks and rises: F. A. Forel, "Le Léman" (1895). The size is the amplitude, were
     it not damped.
+    `passing_trains`: from the onset on trains pass at random moments, each of which packs the same share of what ballast
+    is still loose under the foot: M. M. von Weber, "Die Stabilität des Gefüges der Eisenbahn-Gleise" (1869).
     """
 
     def setup(self) -> None:
@@ -88,6 +92,9 @@ class FoundationSettling(Effect):
         self.early = float(self.rng.spawn(1)[0].uniform(*EARLY))
         self.fails_s = float(self.rng.spawn(1)[0].uniform(*FAILS)) * self.values["tau_s"]
         self.seiche_s = float(self.rng.spawn(1)[0].uniform(*SEICHE_S))
+        own = self.rng.spawn(1)[0]
+        self.packs = float(own.uniform(*PACKS))
+        self.trains_s = np.cumsum(own.exponential(TRAINS_S, TRAINS))
         onset_s = self.site.start_s + self.values["onset_s"]
         self._shaken = [
             LegMemory(lambda way, speed, start_s: speed**2 * ((start_s >= onset_s) & (way != 0.0)))
@@ -109,9 +116,11 @@ class FoundationSettling(Effect):
         return np.asarray((high - q_m) / (high - low))
 
     def _by_load(self, state: MotionState, after_s: Array) -> Array:
-        """How far the foot has sunk (n,) by what stands or stood on it or wets it, over the size."""
+        """How far the foot has sunk (n,) by what stands, stood or passes on it or wets it, over the size."""
         if self.variant in ("watered_clay", "lake_seiche"):
             return -self._swollen(after_s) if self.variant == "watered_clay" else self._swung(after_s)
+        if self.variant == "passing_trains":
+            return np.asarray(1.0 - (1.0 - self.packs) ** np.searchsorted(self.trains_s, after_s, side="right"))
         if self.variant == "failing_slope":
             return np.asarray(np.log1p(-np.minimum(after_s / self.fails_s, HELD)) / np.log1p(-HELD))
         if self.variant == "rebounding_ground":
@@ -173,6 +182,7 @@ class FoundationSettling(Effect):
             "rebounding_ground",
             "failing_slope",
             "lake_seiche",
+            "passing_trains",
         ):
             share = self._by_load(state, after)
         elif self.variant == "curling_slab":
@@ -222,8 +232,9 @@ EFFECTS = (
             "rebounding_ground",
             "failing_slope",
             "lake_seiche",
+            "passing_trains",
         ),
-        final="lake_seiche",
+        final="passing_trains",
         reveals="time, motions or exchanges of payload made, by variant places, also of the other drive, a "
         "temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,

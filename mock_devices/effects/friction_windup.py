@@ -24,6 +24,8 @@ OILED, OILS_S = 0.25, (700.0, 1800.0)  # friction right after a pulse of oil, ov
 CLEAR, TOUCHES_KG = (0.1, 0.4), (60.0, 300.0)  # of a shoe: friction while it is clear, over the size; payload from
 # which it touches
 SHARED = (0.35, 0.7)  # of a belt: part of its friction that goes by the other drive's last motion
+PINCHES_K, PINCHED_K, LOOSELY = (-0.4, 0.4), 1.0, 0.25  # of bearings: when they begin to pinch, above the reference; by
+# how much warmer they rub by the size; what they rub before that, over it
 UNPRESSED = 0.3  # share of a guide's friction that no strut presses, of that in the middle of the travel
 GREASE_PER_K, GREASE_K, GREASE_S = 0.05, 25.0, 1500.0  # viscosity against temperature; how warm grease gets, and when
 
@@ -64,6 +66,9 @@ class FrictionWindup(Play):
     `shared_belt`: one belt runs over both drives and rubs on either, so that what is left goes by the last motion of
     this one and, in part, by that of the next: J. T. Desaguliers, "A Course of Experimental Philosophy" (1734).
     `friction_n` is that after both went the same way.
+    `pinched_by_warmth`: above one temperature the drive's bearings have no clearance left and pinch, the more the
+    warmer: R. A. Burton, H. E. Staph, "Thermally Activated Seizure of Angular Contact Bearings" (1967). `friction_n` is
+    that PINCHED_K above.
     """
 
     def setup(self) -> None:
@@ -78,6 +83,7 @@ class FrictionWindup(Play):
         self.oiled = float(self.rng.uniform(0.0, 1.0))
         self.touches_kg, self.clear = float(self.rng.uniform(*TOUCHES_KG)), float(self.rng.uniform(*CLEAR))
         self.shared = float(self.rng.uniform(*SHARED))
+        self.pinches_k = float(self.rng.uniform(*PINCHES_K))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the grease remember, too."""
@@ -124,6 +130,9 @@ class FrictionWindup(Play):
             reference_c = self.site.machine.reference_temperature_c
             now_c = reference_c + above_reference_k(self.site, state)
             friction = friction * np.exp(VOGEL_K / (now_c - VOGEL_C) - VOGEL_K / (reference_c - VOGEL_C))
+        elif self.variant == "pinched_by_warmth":
+            pinched = np.maximum(above_reference_k(self.site, state) - self.pinches_k, 0.0) / PINCHED_K
+            friction = friction * (LOOSELY + (1.0 - LOOSELY) * pinched)
         elif self.variant == "seal_lips":
             film = np.sqrt(state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S)
             friction = friction * (LIPS + (1.0 - LIPS) * film) * np.where(friction > 0.0, 1.0, LIPS_DOWN)
@@ -210,8 +219,9 @@ EFFECTS = (
             "oiled_anew",
             "overloaded_shoe",
             "shared_belt",
+            "pinched_by_warmth",
         ),
-        final="shared_belt",
+        final="pinched_by_warmth",
         reveals="torque: both directions, also of the other drive, and payloads; by variant speed, dwell, pose, "
         "temperature, time, earlier motions",
         make=FrictionWindup,

@@ -100,6 +100,12 @@ class _Guide(GuideByMotion):
     `dented_by_rest`: where the carriage last rested for a while its balls have left a dent, deeper after longer rest,
     and near that place it tilts into it, one way above and the other way below: J. O. Almen, "Lubricants and False
     Brinelling of Ball and Roller Bearings" (1937). The next rest leaves another one and the first is rolled out.
+    `sinks_into_waves`: a motion leaves the carriage afloat on a film, which hardly lets it follow the waves of its
+    rail, and at rest it sinks into them as the film goes: G. G. Stokes, "On the Theories of the Internal Friction of
+    Fluids in Motion" (1845). The size is that of long rest.
+    `skewed_rollers`: rollers that stand askew turn the carriage on with every way, to one side upwards and to the other
+    downwards, until they slide, and a short way back turns it back by as much only: F. W. Carter, "On the Action of a
+    Locomotive Driving Wheel" (1926). The size is where they slide, to either side.
     """
 
     slope = False
@@ -278,8 +284,9 @@ EFFECTS = (
             "buckled_rail",
             "lagging_shoe",
             "dragged_beam",
+            "sinks_into_waves",
         ),
-        final="dragged_beam",
+        final="sinks_into_waves",
         reveals="drive coordinate, by variant the other one's, direction, also of the other drive, payload, distance "
         "moved or temperature, SMRs on the sliders",
         make=Straightness,
@@ -301,8 +308,9 @@ EFFECTS = (
             "pulsing_pockets",
             "dented_by_rest",
             "three_seats",
+            "skewed_rollers",
         ),
-        final="three_seats",
+        final="skewed_rollers",
         reveals="drive coordinate, by variant direction, speed, dwell, former rests, number of motions, payload, "
         "temperature and time, platform rotation; not a slider's SMR",
         make=Angular,

@@ -18,6 +18,7 @@ WAVY, PAD_M_PER_S, PAD_S = 0.3, 0.5, (6.0, 20.0)  # of a pad on oil: waves of it
 BY_MOTION = (
     "gib_play", "off_centre_drive", "racked_frame", "tilting_pad", "carriage_abreast", "warm_gap", "buckled_rail",
     "pulsing_pockets", "lagging_shoe", "dented_by_rest", "dragged_beam", "three_seats",
+    "sinks_into_waves", "skewed_rollers",
 )  # fmt: skip
 ABREAST_M = (0.12, 0.22)  # in which the push of a carriage that is abreast falls by e
 TIGHT, OPENS_K = 0.25, (-0.4, 0.4)  # of warm blocks: waves while they are tight, over the size; when they open
@@ -30,6 +31,11 @@ LAGS_M = (0.02, 0.06)  # half of the play of a shoe
 DENTS_M, DENTS_S, RESTS_S = (0.15, 0.3), (5.0, 20.0), 2.0  # of a dent: half width; time in which it forms; least rest
 BEAM_LEANS = (0.2, 0.8)  # of a beam: by how much more it leans at the upper end than in the middle, or less, by lot
 SEATS, OFF_MIDDLE = 4096, 0.4  # of a carriage, until chance repeats itself; how far off the middle one may be
+AFLOAT, SINKS_S = (
+    0.2,
+    (4.0, 15.0),
+)  # of a carriage: waves that it follows right after a stop, over the size; time constant
+ROLLS_M = (0.08, 0.3)  # way in which skewed rollers turn a carriage from the middle to a side
 POCKETS_S = (200.0, 700.0)  # period of their pressure
 
 
@@ -56,13 +62,18 @@ class GuideByMotion(Effect):
         self.beam_leans = float(own.uniform(*BEAM_LEANS)) * float(own.choice([-1.0, 1.0]))
         self.seats = np.array([-1.0, float(own.uniform(-OFF_MIDDLE, OFF_MIDDLE)), 1.0])
         self.seated = own.integers(3, size=SEATS)
+        own = self.rng.spawn(1)[0]
+        self.sinks_s, self.rolls_m = float(own.uniform(*SINKS_S)), float(own.uniform(*ROLLS_M))
+        self._rollers = Dragged(self.rolls_m, middle)
         self._shoe = Dragged(self.lags_m, middle)
         self._rested = RestedAt(RESTS_S, middle)
 
     def record_of_motions(self, drive: int, leg: Leg) -> None:
-        """Let the carriage drag its shoe, or dent its rail where it rests."""
+        """Let the carriage drag its shoe, be turned by its rollers, or dent its rail where it rests."""
         if self.variant == "lagging_shoe" and drive == self.place:
             self._shoe.record(leg)
+        elif self.variant == "skewed_rollers" and drive == self.place:
+            self._rollers.record(leg)
         elif self.variant == "dented_by_rest" and drive == self.place:
             self._rested.record(leg)
 
@@ -83,6 +94,8 @@ class GuideByMotion(Effect):
             "lagging_shoe": self._lagged,
             "dented_by_rest": self._dented,
             "three_seats": self._seated,
+            "sinks_into_waves": self._sunk,
+            "skewed_rollers": self._turned_on,
             "warm_gap": self._opened,
             "tilting_pad": self._ridden_up,
         }
@@ -115,6 +128,15 @@ class GuideByMotion(Effect):
     def _seated(self, state: MotionState) -> Array:
         """How a carriage tilts in the seat that its last motion left it in (n,)."""
         return np.asarray(self.seats[self.seated[state.leg[:, self.place] % SEATS]])
+
+    def _sunk(self, state: MotionState) -> Array:
+        """How far a carriage follows the waves of its rail (n,) as its film goes."""
+        left = np.exp(-state.since_s[:, self.place] / self.sinks_s)
+        return np.asarray((1.0 - (1.0 - AFLOAT) * left) * self._wave(state))
+
+    def _turned_on(self, state: MotionState) -> Array:
+        """How far skewed rollers have turned a carriage (n,), from -1 to 1, where they slide."""
+        return np.asarray((state.q_m[:, self.place] - self._rollers.at(state, self.place)) / self.rolls_m)
 
     def _ridden_up(self, state: MotionState) -> Array:
         """How far a pad has tilted (n,), with the waves of its rail."""

@@ -38,6 +38,7 @@ OUTSIDE = (
     "switched_gain", "rung_by_other", "rounded_ways",
     "catching_hook", "stay_cable", "scheduled_gain",
     "two_faces", "aneroid_bellows", "neighbours_cam", "rounded_ratio",
+    "play_of_tangent_screw", "retied_rope", "sealed_tube", "product_of_ways",
 )  # fmt: skip
 IN_SPACE: dict[str, tuple[str, ...]] = {
     "backlash": ALL,
@@ -64,6 +65,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "graded_screw",
         "strained_by_rate",
         "grows_for_good",
+        "ratcheting_metal",
     ),
     "link_stiffness": (
         "softer",
@@ -76,6 +78,7 @@ IN_SPACE: dict[str, tuple[str, ...]] = {
         "snapped_truss",
         "closed_spring",
         "opening_crack",
+        "chance_contacts",
     ),
     "joint_clearance": ("gravity_seated", "friction_held"),
     "joint_spacing": ALL,

@@ -30,6 +30,7 @@ LEVEL_S, GROWS_S, STARTS = (300.0, 900.0), (400.0, 1200.0), 0.05  # of a level: 
 TRUCK_S, CROSSES_S, STANDS = (600.0, 1500.0), (900.0, 2400.0), (0.3, 0.7)  # of a truck: when it comes; how long it
 # takes; where along its way the station stands
 FANS_S, RUNS, SWITCHES = (600.0, 1500.0), (0.3, 0.6), 0.5  # of a fan: cycle; share of it that it runs; see _switched
+FULL_PAYLOAD_KG = 400.0
 TRACKS_M_PER_S, COOLS_S = 0.04, 900.0  # of a station that follows motions: mean of their speeds for the size; cooling
 
 
@@ -85,6 +86,9 @@ class StationDrift(Effect):
     `crossing_truck`: a heavy truck is led at a crawl across the span of floor on which the station stands, once, and
     the floor dips there by the line of influence of a beam: E. Winkler, "Vortrag über die Berechnung von Brücken"
     (1868). The size is that of the truck right beside the station.
+    `stored_payloads`: what of the payloads is not on the platform stands on the floor beside the station, which leans
+    by its weight: H. M. Westergaard, "Stresses in Concrete Pavements Computed by Theoretical Analysis" (1926). The size
+    is that of all of them, FULL_PAYLOAD_KG.
     """
 
     def setup(self) -> None:
@@ -187,6 +191,8 @@ class StationDrift(Effect):
             y = np.sin(2.0 * np.pi * t[:, None] / self.sways_s) @ self.sways
         elif self.variant == "carriages_weight":
             y = self._weighs(state) @ self.hollows
+        elif self.variant == "stored_payloads":
+            y = np.outer(1.0 - state.payload_kg / FULL_PAYLOAD_KG, self.weights)
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
         elif self.variant in ("thermostat", "hunting_level", "crossing_truck"):
@@ -227,8 +233,9 @@ EFFECTS = (
             "dragged_feet",
             "hunting_level",
             "crossing_truck",
+            "stored_payloads",
         ),
-        final="crossing_truck",
+        final="stored_payloads",
         reveals="time or motions made, by variant both drives' coordinates, payload and a temperature swing, floor "
         "nests",
         make=StationDrift,
@@ -260,8 +267,9 @@ EFFECTS = (
             "convection_cells",
             "tilting_layer",
             "warm_workpiece",
+            "gas_lens",
         ),
-        final="warm_workpiece",
+        final="gas_lens",
         reveals="angles, or ranges, against height and distance, by variant time, payload, motions made, all SMRs "
         "and nests alike",
         make=Refraction,

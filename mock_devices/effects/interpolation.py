@@ -20,6 +20,7 @@ PERIODS, ONE_TRACK = (15, 40), 0.7  # of one track for one more of the other; er
 CLOSE, LIFTS_KG = 0.9, (200.0, 500.0)  # contrast without payload; payload that takes all but 1 / e of it away
 FULL_PAYLOAD_KG = 400.0
 SQUARE = 0.4  # of half the travel: within which of its middle a twisted grating is square to its head, by lot
+FOGS_S = (500.0, 1800.0)  # in which a lens is fogged most
 SHADOW_RAD = 0.0711  # largest error of triangles
 
 
@@ -63,6 +64,9 @@ class Interpolation(Effect):
     `leaning_head`: springs that should guide its head in parallel let that lean by the direction of the last motion,
     and so one of the signals has an offset to one side or the other: R. V. Jones, "Some Parasitic Deflexions in
     Parallel Spring Movements" (1951).
+    `fogged_lens`: the lens before one of the signals is fogged after the campaign's begin, which takes its light and
+    sets it off, and clears again, more slowly: J. Aitken, "On Dust, Fogs, and Clouds" (1880). The size is that with
+    most fog.
     """
 
     def setup(self) -> None:
@@ -84,6 +88,7 @@ class Interpolation(Effect):
         self.lifts_kg = float(own.uniform(*LIFTS_KG))
         self.next_at = float(own.uniform(0.0, 2.0 * np.pi))
         self.leans_at = float(own.uniform(0.0, 2.0 * np.pi))
+        self.fogs_s = float(own.uniform(*FOGS_S))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the head smear the drop."""
@@ -102,8 +107,13 @@ class Interpolation(Effect):
         elif self.variant in ("ellipse", "harmonics", "two_tracks"):
             shapes = {"ellipse": self._ellipse, "harmonics": self._harmonics, "two_tracks": self._two_tracks}
             y = shapes[self.variant](phase)
-        elif self.variant in ("lifted_head", "neighbours_signal", "leaning_head"):
-            by_state = {"lifted_head": self._lifted, "neighbours_signal": self._beside, "leaning_head": self._leant}
+        elif self.variant in ("lifted_head", "neighbours_signal", "leaning_head", "fogged_lens"):
+            by_state = {
+                "lifted_head": self._lifted,
+                "neighbours_signal": self._beside,
+                "leaning_head": self._leant,
+                "fogged_lens": self._fogged,
+            }
             y = by_state[self.variant](phase, state)
         elif self.variant == "shadow_gratings":
             error = np.arctan2(np.arcsin(np.sin(phase)), np.arcsin(np.cos(phase))) - phase
@@ -155,6 +165,11 @@ class Interpolation(Effect):
         """Error (n,) by the offset of one signal, to the side of the last motion."""
         return np.asarray(state.direction[:, self.place] * np.sin(phase + self.leans_at))
 
+    def _fogged(self, phase: Array, state: MotionState) -> Array:
+        """Error (n,) by the offset of a signal whose lens is fogged."""
+        fogged = self.elapsed_s(state) / self.fogs_s
+        return np.asarray(fogged * np.exp(1.0 - fogged) * np.sin(phase))
+
     def _harmonics(self, phase: Array) -> Array:
         """Error of the arc tangent over its first term; the sine's head is a quarter of a period behind."""
         quarter = phase - 0.5 * np.pi
@@ -194,8 +209,9 @@ EFFECTS = (
             "lifted_head",
             "neighbours_signal",
             "leaning_head",
+            "fogged_lens",
         ),
-        final="leaning_head",
+        final="fogged_lens",
         reveals="many drive positions off a grid, by variant of the other drive, too, payload, temperature, direction "
         "or distance moved, SMRs on the sliders",
         make=Interpolation,

@@ -27,6 +27,7 @@ BUSH_M = (30.0, 60.0)  # way of its drive in which an oval bush creeps once roun
 TAKES_UP_M = (10.0, 25.0)  # way of its drive after which a ratchet takes play up
 CARRIES_M_PER_S, FILM_S = 0.15, (5.0, 15.0)  # of a film: speed that closes half of a play; time in which it goes
 FITS, FITTED = (0.05, 1.0), 64  # play of a pin that was fitted anew over the size; fits that are drawn
+BEATS_M_PER_S, UNBEATEN = (0.25, 0.5), 0.1  # of a hole: speed of a stop that beats it widest; play after a slow one
 SPRING_N = (200.0, 1500.0)  # of the spring that seats a joint
 
 
@@ -68,6 +69,8 @@ class JointClearance(Effect):
     Theorie der Schmiermittelreibung" (1904). The size is the play without a film.
     `fitted_anew`: its pin is taken out and fitted anew at every exchange of the payload, with another play each time:
     W. A. Shewhart, "Economic Control of Quality of Manufactured Product" (1931). The size is the widest play.
+    `beaten_wide`: a stop of its drive beats the hole wide, by the square of its speed, and the next one sets it anew:
+    J. Hopkinson, "On the Rupture of Iron Wire by a Blow" (1872). The size is the widest play.
     """
 
     def setup(self) -> None:
@@ -82,6 +85,7 @@ class JointClearance(Effect):
         self.worn = float(self.rng.uniform(0.0, 1.0))
         self.film_s = float(self.rng.uniform(*FILM_S))
         self.fits = self.rng.uniform(*FITS, FITTED)
+        self.beats_m_per_s = float(self.rng.uniform(*BEATS_M_PER_S))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the motions of the strut's own drive wear its joints or turn their bush."""
@@ -146,11 +150,15 @@ class JointClearance(Effect):
         return self._left(state)
 
     def _left(self, state: MotionState) -> Array | float:
-        """Play that a load, a film or a fit leaves (n,) over the size."""
+        """Play that a load, a film, a fit or a blow leaves (n,) over the size."""
         if self.variant == "load_dependent":
             return np.asarray(np.exp(-state.payload_kg / FULL_PAYLOAD_KG))
         if self.variant == "fitted_anew":
             return self.fits[state.exchanges.astype(int) % FITTED]
+        if self.variant == "beaten_wide":
+            speed = state.speed_m_per_s[:, self.site.machine.struts[self.place].drive]
+            beaten = np.minimum((speed / self.beats_m_per_s) ** 2, 1.0)
+            return np.asarray(UNBEATEN + (1.0 - UNBEATEN) * beaten)
         if self.variant == "carried_by_film":
             drive = self.site.machine.struts[self.place].drive
             speed = state.speed_m_per_s[:, drive] / CARRIES_M_PER_S

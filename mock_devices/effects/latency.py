@@ -23,6 +23,7 @@ RESONATES_M_PER_S, BROAD = (0.15, 0.4), 0.25  # speed at which a filter delays m
 WARM_K, WARMS_S, OF_AIR, HOT_K = 10.0, 1500.0, 6.0, (3.0, 8.0)  # of a processor: own warmth; time constant; warmth for
 # each kelvin of the air; from which on it is hot
 SHORTER, SWITCHES_M_PER_S = (0.15, 0.5), (0.15, 0.35)  # delay of a second filter, over the first one's; speed
+FULL_PAYLOAD_KG, EMPTY = 400.0, (0.05, 0.4)  # of a window: delay without payload over that with the largest
 GOOD_S, BAD_S, REPEATS, BURSTS = 400.0, 250.0, (2.5, 5.0), 256  # of a channel: mean times good and bad; delay while
 # bad over that while it is good; changes that are drawn
 
@@ -63,6 +64,9 @@ class Latency(Effect):
     About It?" (1985). The size is the delay of a cool one.
     `burst_noise`: the channel is good and bad by turns, for times by chance, and while it is bad messages are lost and
     sent again: E. N. Gilbert, "Capacity of a Burst-Noise Channel" (1960). The size is the delay of the good one.
+    `scheduled_window`: the window over which the station takes the mean grows with the payload that is entered, and
+    with it the delay: W. J. Rugh, J. S. Shamma, "Research on Gain Scheduling" (2000). The size is that of
+    FULL_PAYLOAD_KG.
     """
 
     def setup(self) -> None:
@@ -78,6 +82,7 @@ class Latency(Effect):
         self.best_k = float(self.rng.uniform(*BEST_K))
         self.hot_k = float(self.rng.uniform(*HOT_K))
         self.repeats = float(self.rng.uniform(*REPEATS))
+        self.empty = float(self.rng.spawn(1)[0].uniform(*EMPTY))
         self.bursts_s = np.cumsum(self.rng.exponential(np.tile([GOOD_S, BAD_S], BURSTS // 2)))
 
     def early_s(self, state: MotionState) -> Array | float:
@@ -95,6 +100,7 @@ class Latency(Effect):
             "warm_quartz": self._run_slow,
             "hot_processor": lambda m: np.where(self._warm_k(m) > self.hot_k, 2.0, 1.0),
             "burst_noise": self._in_bursts,
+            "scheduled_window": lambda m: self.empty + (1.0 - self.empty) * m.payload_kg / FULL_PAYLOAD_KG,
             "with_speed": lambda m: _fastest(m) / TYPICAL_M_PER_S,
             "adaptive_filter": lambda m: np.where(_fastest(m) > self.switches_m_per_s, self.shorter, 1.0),
             "group_delay": lambda m: 1.0 / (1.0 + ((_fastest(m) / self.resonates_m_per_s - 1.0) / BROAD) ** 2),

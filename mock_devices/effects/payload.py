@@ -28,6 +28,12 @@ BOLTS, LEFT_OVER, EXCHANGES = (0.3, 1.7), 4.0, 64  # left at an exchange, over t
 # that are drawn
 EVERY, PALLET = (8, 20), 6  # of parts: motions of drives from one to the next; of them on a full pallet
 LANDS = (0.4, 0.65)  # height of the platform, from 0 to 1, above which a counterweight has landed
+SLIDES_S, SLIDES, FEW = (
+    300.0,
+    200,
+    2.0,
+)  # of chips: mean time between two slides; how many are drawn; power of a number by
+# chance that is the share which slides
 CHIPS_S = 3600.0  # in which the whole size has gathered
 
 
@@ -72,6 +78,9 @@ class Payload(Effect):
     `landed_counterweight`: a counterweight on a rope hangs beside the machine and lands on the floor as the platform
     comes above one height, from where on it lifts nothing: J. Leupold, "Theatrum machinarum" (1724). The size is what
     it lifts below, which is taken for granted.
+    `sandpile`: chips fall evenly onto a heap on the platform, with any payload or none, from which a part slides off at
+    random moments, mostly a few and now and then nearly all: P. Bak, C. Tang, K. Wiesenfeld, "Self-Organized
+    Criticality: An Explanation of 1/f Noise" (1987). The size is what falls in CHIPS_S.
     """
 
     def setup(self) -> None:
@@ -89,6 +98,12 @@ class Payload(Effect):
         own = self.rng.spawn(1)[0]
         self.every, self.stacked = int(own.integers(EVERY[0], EVERY[1] + 1)), int(own.integers(PALLET))
         self.lands = float(own.uniform(*LANDS))
+        own = self.rng.spawn(1)[0]
+        self.slides_s = np.concatenate([[0.0], np.cumsum(own.exponential(SLIDES_S, SLIDES))])
+        self.stays = 1.0 - own.uniform(0.0, 1.0, SLIDES) ** FEW
+        self.heap = [0.0]  # right after each slide, in seconds of falling chips
+        for stays, lasts_s in zip(self.stays.tolist(), np.diff(self.slides_s).tolist(), strict=True):
+            self.heap.append(stays * (self.heap[-1] + lasts_s))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Add mass, which the drives' torque shows, or move the centre, which it does not."""
@@ -106,7 +121,7 @@ class Payload(Effect):
             extra_kg = self.size * mounted * (state.exchanges % 4 == self.exchange)
         elif self.variant == "hanging_chain":
             extra_kg = 2.0 * self.size * mounted * self._lifted(state)
-        elif self.variant in ("gathering_chips", "coolant_pool", "waiting_parts"):
+        elif self.variant in ("gathering_chips", "coolant_pool", "waiting_parts", "sandpile"):
             extra_kg = self.size * self._lying(self.elapsed_s(state))
         elif self.variant in ("forgotten_bolts", "stacked_parts", "landed_counterweight"):
             extra_kg = self.size * self._left_there(state)
@@ -130,6 +145,9 @@ class Payload(Effect):
         """What lies on the platform with any payload or none (n,), over the size."""
         if self.variant == "gathering_chips":
             return np.asarray(t / CHIPS_S)
+        if self.variant == "sandpile":
+            k = np.searchsorted(self.slides_s, t, side="right") - 1
+            return np.asarray((np.array(self.heap)[k] + t - self.slides_s[k]) / CHIPS_S)
         if self.variant == "waiting_parts":
             return np.asarray(self.waiting[np.searchsorted(self.changes_s, t, side="right")] / QUEUE)
         k = np.searchsorted(self.pump_s, t, side="right") - 1
@@ -199,8 +217,9 @@ EFFECTS = (
             "forgotten_bolts",
             "stacked_parts",
             "landed_counterweight",
+            "sandpile",
         ),
-        final="landed_counterweight",
+        final="sandpile",
         reveals="payloads, torque; by variant time, exchanges, number of motions, dwell, height, direction",
         make=Payload,
     ),

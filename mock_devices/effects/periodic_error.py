@@ -10,6 +10,7 @@ from mock_devices.effects.base import Array, Deviation, Effect, Leg, MotionState
 from mock_devices.effects.leg_memory import LegMemory, ways_m
 
 FULL_PAYLOAD_KG = 400.0
+KEPLER = 12  # steps of Newton's iteration
 BALL_ORBIT = 0.5 * (1.0 - 0.16 * math.cos(math.radians(45.0)))
 BENT = math.cos(math.radians(30.0))  # of a universal joint
 SLIP_M = 6.0  # travel over which the balls of a nut fall behind by a whole orbit
@@ -20,6 +21,7 @@ CONE = (0.08, 0.3)  # by how much longer than in the middle a turn of a conical 
 BENDS = (-0.95, -0.4)  # of half the travel, from its middle: where a screw begins to be bent
 SQUARE = (-0.3, 0.3)  # of half the travel of the next drive, from its middle: where it racks no bearing
 TWISTS_RAD = 2.5  # of a screw by a full payload, over its whole length
+OFF_FOCUS = (0.25, 0.6)  # of a wheel that turns a screw as a planet goes: eccentricity of its orbit
 ASKEW = (0.6, 0.95)  # tilt of one thrust face over that of the other
 
 
@@ -58,6 +60,8 @@ class PeriodicError(Effect):
     `racked_bearings`: the next carriage racks the frame by where it stands, and with it the bearings of this screw,
     which runs out of true to one side or the other, but for where the frame is square: A. Föppl, "Das Problem der
     Laval'schen Turbinenwelle" (1895). The size is that half the next drive's travel from there.
+    `off_focus`: elliptic wheels, each turning about one of its foci, drive the screw as a planet goes round the sun,
+    fast near it and slowly far from it: J. Kepler, "Astronomia nova" (1609). The size is that of the first harmonic.
     """
 
     def setup(self) -> None:
@@ -73,6 +77,7 @@ class PeriodicError(Effect):
         self.next = (self.place + 1) % len(self.site.machine.sliders)
         middle, half = self.site.drive_range_m(self.next)
         self.square_m = middle + half * float(self.rng.spawn(1)[0].uniform(*SQUARE))
+        self.orbit = float(self.rng.spawn(1)[0].uniform(*OFF_FOCUS))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
         """Let the balls of this drive slip, or its bearing wear."""
@@ -113,6 +118,9 @@ class PeriodicError(Effect):
             whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
             lifts = self._faces_apart(whole)
             y = (self._faces_apart(turn) - lifts.mean()) / (2.0 * np.mean(lifts * np.cos(whole)))
+        elif self.variant == "off_focus":
+            whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+            y = self._ahead(turn) / (2.0 * np.mean(self._ahead(whole) * np.sin(whole)))
         elif self.variant == "universal_joint":
             ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
             y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
@@ -139,6 +147,15 @@ class PeriodicError(Effect):
         if self.variant == "growing_runout":
             return np.asarray(FRESH + (1.0 - FRESH) * self._ways.at(state, self.place)[:, 0] / ROUGHENS_M)
         return np.asarray(0.6 + 0.8 * state.payload_kg / FULL_PAYLOAD_KG)
+
+    def _ahead(self, turn: Array) -> Array:
+        """By how much a planet is ahead of its mean motion (n,), by Kepler's equation and the half angles."""
+        e, mean = self.orbit, (turn + np.pi) % (2.0 * np.pi) - np.pi
+        at = mean + e * np.sin(mean)
+        for _ in range(KEPLER):
+            at = at - (at - e * np.sin(at) - mean) / (1.0 - e * np.cos(at))
+        half = np.arctan2(math.sqrt(1.0 + e) * np.sin(0.5 * at), math.sqrt(1.0 - e) * np.cos(0.5 * at))
+        return np.asarray(2.0 * half - mean)
 
     def _faces_apart(self, turn: Array) -> Array:
         """How far both faces are apart (n,), over the tilt of the one that does not turn."""

@@ -37,6 +37,8 @@ WARM_KG, ASIDE_RAD = 400.0, (-0.9, 0.9)  # of warm workpieces: mass for the size
 PUFFS_S, PUFFS = 60.0, 200  # of warm air: mean time between two; how many are drawn
 PUFF_M, PUFF_FROM_M, PUFF_M_PER_S, PUFF_PASSES_S = 0.15, 0.35, 0.1, 20.0  # half width; farthest from the middle; speed;
 # time in which half of one passes
+TUBE_M, TUBE_ACROSS_M, TUBE_UP_M = 0.18, (-0.25, 0.25), (-0.2, 0.3)  # of a warm tube: radius; its middle halfway to the
+# machine, by the station
 _GAUSS = (np.array([0.1127016654, 0.5, 0.8872983346]), np.array([5.0, 8.0, 5.0]) / 18.0)
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(8)
 _FINE = (0.5 + 0.5 * _NODES, 0.5 * _WEIGHTS)
@@ -84,6 +86,9 @@ class Refraction(Effect):
     `warm_workpiece`: payloads come warm from the store, and the air that they warm beside the lines of sight bends
     these up and aside, in proportion to their mass and not at all without: A. Toepler, "Beobachtungen nach einer neuen
     optischen Methode" (1864). The gradient is that of WARM_KG.
+    `gas_lens`: a tube of warm air lies along the lines halfway to the machine, and lines beside its middle bend
+    outwards to all sides, as through a lens: D. W. Berreman, "A Lens or Light Guide Using Convectively Distorted
+    Thermal Gradients in Gases" (1964). The gradient is the largest one in the tube.
     """
 
     def setup(self) -> None:
@@ -104,6 +109,7 @@ class Refraction(Effect):
         self.rolls_at = float(own.uniform(0.0, 2.0 * np.pi))
         self.tilts_s, self.tilts_at = float(own.uniform(*TILTS_S)), float(own.uniform(0.0, 2.0 * np.pi))
         self.aside_rad = float(own.uniform(*ASIDE_RAD))
+        self.tube_m = (float(own.uniform(*TUBE_ACROSS_M)), float(own.uniform(*TUBE_UP_M)))
         self._stirred = [Stirred(STIRS_M, self.forms_s) for _ in self.site.machine.sliders]
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -135,6 +141,10 @@ class Refraction(Effect):
             bend = bend * state.payload_kg[:, None] / WARM_KG
             sight.hz_rad -= bend * math.sin(self.aside_rad)
             sight.v_rad += bend * math.cos(self.aside_rad) * np.sin(sight.v_rad)
+        elif self.variant == "gas_lens":
+            across, up = self._through_tube(sight)
+            sight.hz_rad += bend * across
+            sight.v_rad -= bend * up * np.sin(sight.v_rad)
         elif self.variant == "sun_patch":
             sight.v_rad -= bend * self._over_patch(state, sight) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
@@ -158,6 +168,14 @@ class Refraction(Effect):
         at_m = self.wanders * PATCH_FROM_M * (2.0 * self.elapsed_s(state)[:, None] / self.crosses_s - 1.0)
         off = (0.5 * sight.points_m[..., 0] - at_m) / PATCH_HALF_M
         return np.asarray(np.exp(-(off**2) - 0.5 * sight.points_m[..., 2] / PATCH_UP_M))
+
+    def _through_tube(self, sight: StationSight) -> tuple[Array, Array]:
+        """How much cooler it grows outwards, across and up, halfway along each line (n, smrs), over the largest."""
+        across, up = (
+            (0.5 * sight.points_m[..., axis] - at_m) / TUBE_M for axis, at_m in zip((0, 2), self.tube_m, strict=True)
+        )
+        falls = math.sqrt(2.0 * math.e) * np.exp(-(across**2) - up**2)
+        return np.asarray(across * falls), np.asarray(up * falls)
 
     def _over_tilted_m(self, state: MotionState, sight: StationSight) -> Array:
         """Heights (n, smrs) over a slope through the station that swings, along which each line rises as evenly."""

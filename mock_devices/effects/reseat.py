@@ -35,6 +35,7 @@ THROWS_M_PER_S = 0.2  # a stop from this speed does not yet throw a ball
 CLICKS_K = (0.02, 0.1)  # of a disc: how far above and below the temperature of the onset it clicks to either side
 LETS_GO_S, LEAKS, SLIDES_SHARE = (300.0, 1500.0), 0.5, 0.3  # of a cup: when it lets go after the onset; time constant
 # of its vacuum over that; what it slides before, over the size, were all vacuum gone
+TURNED_RAD = (0.5, 2.6)  # by which a reflector is turned on at an exchange of payload, to either side
 SEATS_S = 900.0  # how long a reflector stays in one of two seats, in the mean
 
 
@@ -72,6 +73,9 @@ class Reseat(Effect):
     (1953). Both lie near the temperature of the onset, where it lies flat. The size is how far it goes to either side.
     `leaking_cup`: put back on a cup that holds by its vacuum, it slides as that leaks, ever more slowly, and falls all
     the way at once when it holds no more: O. von Guericke, "Experimenta nova Magdeburgica de vacuo spatio" (1672).
+    `turned_on`: put back on a stem beside whose axis it sits, it is turned on by the same angle with every exchange of
+    the payload: J.-C. de Borda, "Description et usage du cercle de réflexion" (1787). The size is how far beside the
+    axis it sits.
     """
 
     def setup(self) -> None:
@@ -102,6 +106,8 @@ class Reseat(Effect):
         own = self.rng.spawn(1)[0]
         self.clicks_k, self.back_k = float(own.uniform(*CLICKS_K)), -float(own.uniform(*CLICKS_K))
         self.lets_go_s = float(own.uniform(*LETS_GO_S))
+        own = self.rng.spawn(1)[0]
+        self.turned_rad = float(own.uniform(*TURNED_RAD)) * float(own.choice([-1.0, 1.0]))
         self._thrown = LastThrow(lambda speed, start_s: (speed > THROWS_M_PER_S) & (start_s >= onset_s))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -140,6 +146,9 @@ class Reseat(Effect):
         """Where it lies (n, 2) over the size, if anywhere else after each exchange of payload or after each motion."""
         if self.variant == "rattling":
             return np.asarray(after[:, None] * self.spots[state.leg.sum(axis=1) % SPOTS])
+        if self.variant == "turned_on":
+            corner = complex(*self.shifts[0]) * np.exp(1j * self.turned_rad * state.exchanges)
+            return np.asarray(after[:, None] * np.stack([corner.real, corner.imag], axis=1))
         number = state.exchanges.astype(int) % 64  # taken off whenever the payload is exchanged
         return np.where((number > 0)[:, None], self.shifts[number], 0.0)
 
@@ -147,7 +156,7 @@ class Reseat(Effect):
         """Move the reflector."""
         t = state.t_s - self.site.start_s - self.values["onset_s"]
         after = t >= 0.0
-        if self.variant in ("each_exchange", "rattling"):
+        if self.variant in ("each_exchange", "rattling", "turned_on"):
             y = self._each_time(state, after)
         elif self.variant == "glue":
             y = np.outer(1.0 - np.exp(-np.maximum(t, 0.0) / 900.0), self.shifts[0])
@@ -218,8 +227,9 @@ EFFECTS = (
             "creeps_home",
             "clicking_disc",
             "leaking_cup",
+            "turned_on",
         ),
-        final="leaking_cup",
+        final="turned_on",
         reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
         make=Reseat,
         others=(ONSET,),

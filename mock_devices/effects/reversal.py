@@ -30,8 +30,20 @@ TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
 BALANCED_KG, NEARLY_KG = (0.0, 400.0), 180.0  # payload that is balanced; how far off there is little play
 SWELLS_S, SWOLLEN = (2000.0, 6000.0), 0.9  # of a nut: slowest time constant; share of play closed in the end
 KEYED, FRETS = 0.1, (40.0, 150.0)  # of a key: first play over the last; reversals that leave 1 / e of the rest
+GRIT, GRAINS = (
+    (0.05, 1.0),
+    4096,
+)  # of a thread: play that grit leaves, over the size; motions until chance repeats itself
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
-OPENED = ("wearing", "breaking_balls", "eccentric_wheel", "counterpoised", "swollen_nut", "fretted_key")
+OPENED = (
+    "wearing",
+    "breaking_balls",
+    "eccentric_wheel",
+    "counterpoised",
+    "swollen_nut",
+    "fretted_key",
+    "grit_in_thread",
+)
 
 TAU = EffectParameter("tau_s", 1.0, 4.0, 20.0, "time constant at rest")
 
@@ -91,6 +103,8 @@ class Backlash(Play):
     first with the root of time: A. Fick, "Ueber Diffusion" (1855). The size is the play of the dry nut.
     `fretted_key`: the key between motor and screw rocks in its groove with every reversal and frets that wider, by less
     and less: R. B. Waterhouse, "Fretting Corrosion" (1972). Ways wear nothing. The size is the play in the end.
+    `grit_in_thread`: every motion carries other grains of grit between the flanks, which take up a part of the play by
+    chance: F. Galton, "Natural Inheritance" (1889). The size is the play of a clean thread.
     """
 
     nested_half_m = (5.0e-4, 4.0e-3, 1.6e-2, 6.4e-2)
@@ -148,12 +162,15 @@ class Backlash(Play):
         self.swells_s = float(self.rng.spawn(1)[0].uniform(*SWELLS_S))
         self.frets = float(self.rng.spawn(1)[0].uniform(*FRETS))
         self._reversed = Reversals()
+        self.grit = self.rng.spawn(1)[0].uniform(*GRIT, GRAINS)
         self.breaks_m = np.sort(LIFE_M * self.rng.weibull(LIVES, BALLS))
 
     def _opened(self, state: MotionState) -> Array:
-        """How wide wear, broken balls, a wheel, balance, oil or fretting have made the play (n,), over the size."""
+        """How wide wear, broken balls, a wheel, balance, oil, fretting or grit have made the play (n,), over the size."""
         if self.variant == "counterpoised":
             return np.asarray(np.exp(-(((state.payload_kg - self.balanced_kg) / NEARLY_KG) ** 2)))
+        if self.variant == "grit_in_thread":
+            return np.asarray(self.grit[state.leg[:, self.place] % GRAINS])
         if self.variant == "swollen_nut":
             return np.asarray(1.0 - SWOLLEN * conducted(self.elapsed_s(state), self.swells_s))
         if self.variant == "fretted_key":
@@ -240,8 +257,9 @@ EFFECTS = (
             "counterpoised",
             "swollen_nut",
             "fretted_key",
+            "grit_in_thread",
         ),
-        final="fretted_key",
+        final="grit_in_thread",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
         "drive, time, temperature, earlier motions and reversals",
         make=Backlash,

@@ -9,7 +9,7 @@ import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, Leg, MotionState, StatefulEffect
 from mock_devices.effects.flows import ThinnedOil
-from mock_devices.effects.followers import HeldWarm
+from mock_devices.effects.followers import Fanned, HeldWarm
 from mock_devices.effects.leg_memory import Leaves, LegMemory, PassMemory
 
 DUTY_M_PER_S = 0.01
@@ -24,6 +24,8 @@ STRETCH_M, STRETCH_FIN_M = 0.15, 0.4  # of a starved stretch: its length; see MO
 THINS, OIL_M_PER_S = 1.5, 0.25  # of oil: how much thinner it is by the size, as a logarithm; speed for the size
 BUBBLES_M_PER_S = (0.15, 0.3)  # speed from which oil bubbles
 SHORT_M, SHORT_M_PER_S = (0.1, 0.25), 0.002  # ways shorter than which run dry; mean speed of such ways for the size
+FANS = (4.0, 12.0)  # of a fan of the next drive: what it takes away at FANS_M_PER_S beyond still air, over that
+FANS_M_PER_S = 0.5
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,
@@ -76,6 +78,9 @@ class ScrewGrowth(StatefulEffect):
     `short_strokes`: ways shorter than what a ball needs to come to fresh grease run dryly and heat the screw, and
     longer ones do not: P. M. Lugt, "Grease Lubrication in Rolling Bearings" (2013). The size is where it ends at
     SHORT_M_PER_S of such ways on average.
+    `neighbours_fan`: a lamp warms it evenly, and a fan on the shaft of the next drive blows at it while that moves, by
+    the root of the speed: J. Boussinesq, "Calcul du pouvoir refroidissant des courants fluides" (1905). The size is
+    where it ends while the next drive rests.
     """
 
     def setup(self) -> None:
@@ -105,6 +110,10 @@ class ScrewGrowth(StatefulEffect):
         self._short = LegMemory(
             lambda way, _speed, _: per_short_m * np.abs(way) * (np.abs(way) < self.short_m), self.values["tau_s"]
         )
+        self.fans = float(self.rng.spawn(1)[0].uniform(*FANS))
+        self._fanned = Fanned(
+            lambda speed: 1.0 + self.fans * np.sqrt(np.maximum(speed, 0.0) / FANS_M_PER_S), self.values["tau_s"]
+        )
         self._starts = LegMemory(lambda way, speed, _: share * speed * (way != 0.0), self.values["tau_s"])
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -117,6 +126,8 @@ class ScrewGrowth(StatefulEffect):
             self._starts.record(leg)
         if self.variant == "neighbours_motor" and drive == self.next:
             self._beside.record(leg)
+        if self.variant == "neighbours_fan" and drive == self.next:
+            self._fanned.record(leg)
         if self.variant == "short_strokes" and drive == self.place:
             self._short.record(leg)
         if self.variant == "bubbling_oil" and drive == self.place:
@@ -195,7 +206,7 @@ class ScrewGrowth(StatefulEffect):
             warm_m = fin_m * (np.exp((state.q_m[:, a] - high) / fin_m) - math.exp((low - high) / fin_m))
             deviation.travel_m[:, a] += alpha * self.size * by_motor[:, 0] * warm_m
             return
-        if self.variant in ("holding", "starved_stretch", "bubbling_oil", "short_strokes"):
+        if self.variant in ("holding", "starved_stretch", "bubbling_oil", "short_strokes", "neighbours_fan"):
             deviation.travel_m[:, a] += alpha * self.size * self._from_source_m(state)
             return
         if self.variant == "nut_then_screw":
@@ -232,6 +243,8 @@ class ScrewGrowth(StatefulEffect):
         if self.variant == "holding":
             held = self._held.at(state, self.place)
             return np.asarray(held * HOLD_FIN_M * (1.0 - np.exp(-(q_m - low) / HOLD_FIN_M)))
+        if self.variant == "neighbours_fan":
+            return np.asarray(self._fanned.at(state, self.next) * (q_m - low))
         if self.variant == "short_strokes":
             return np.asarray(self._short.at(state, self.place)[:, 0] * (q_m - low))
         if self.variant == "bubbling_oil":

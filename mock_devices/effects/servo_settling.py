@@ -19,6 +19,7 @@ BRAKED, QUICKER, SLOWER = 0.35, 0.5, 4.0  # of a magnet beside the guide: half i
 # constant within it and elsewhere, over tau_s
 PULLEY_M, ROPE_SWINGS, ROPE_CALMS = (0.1, 0.5), 2.5, 0.3  # of a weight on a rope: how far above the travel its pulley
 # is; rate in the middle of the travel and decay, over tau_s
+FULLY_ON = (0.1, 0.4)  # of an amplifier: what is behind from which on it is fully on, over the size
 STICKS = 0.15  # friction over the force of the first swing
 
 
@@ -60,6 +61,8 @@ class ServoSettling(Effect):
     elektrodynamische Vertheilung erregten galvanischen Ströme" (1834).
     `pendulum_rope`: a weight hangs from a pulley above the travel on a rope that its drive pays out, and swings after
     each stop, with the root of the rope's length the more slowly: C. Huygens, "Horologium oscillatorium" (1673).
+    `saturated_amplifier`: an amplifier that is fully on takes away what is far behind evenly, and only the rest by an
+    exponential: A. I. Lur'e, "Some Nonlinear Problems in the Theory of Automatic Control" (1951).
     """
 
     def setup(self) -> None:
@@ -70,6 +73,7 @@ class ServoSettling(Effect):
         middle, half = self.site.drive_range_m(self.place)
         self.braked_m = middle + half * float(self.rng.uniform(-0.4, 0.4))
         self.pulley_m = float(self.rng.spawn(1)[0].uniform(*PULLEY_M))
+        self.fully_on = float(self.rng.spawn(1)[0].uniform(*FULLY_ON))
         self._learnt = LegMemory(motions)
         self._wound = LegMemory(_winds, UNWINDS * tau)
 
@@ -122,6 +126,12 @@ class ServoSettling(Effect):
         moved = np.maximum(state.leg_end_s[:, a] - state.leg_start_s[:, a], 0.0) / self.values["tau_s"]
         return np.asarray(0.5 * (_swing(t) - _swing(t + moved)))
 
+    def _amplified(self, first: Array, t: Array) -> Array:
+        """What is left of what was behind at first (n,), over the size, some time over tau_s after the stop."""
+        evenly = np.maximum(first / self.fully_on - 1.0, 0.0)  # how long the amplifier is fully on, over tau_s
+        rest = np.minimum(first, self.fully_on) * np.exp(-np.maximum(t - evenly, 0.0))
+        return np.where(t < evenly, first - self.fully_on * t, rest)
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Hold the slider back."""
         a, tau = self.place, self.values["tau_s"]
@@ -132,6 +142,10 @@ class ServoSettling(Effect):
         share = np.exp(-t / self._slower(state))
         if self.variant in ("half_swings", "sampled_loop", "pendulum_rope"):
             share = self._left(state, t)
+        if self.variant == "saturated_amplifier":
+            first = state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
+            deviation.travel_m[:, a] -= self.size * state.direction[:, a] * self._amplified(first, t)
+            return
         if self.variant == "integrator_reset":
             own_kg = self.site.machine.moving_mass_kg
             weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
@@ -206,8 +220,9 @@ EFFECTS = (
             "sampled_loop",
             "eddy_brake",
             "pendulum_rope",
+            "saturated_amplifier",
         ),
-        final="pendulum_rope",
+        final="saturated_amplifier",
         reveals="varied dwell and speed, by variant length of the motion, drive coordinate, payload or earlier "
         "motions, SMRs on the sliders",
         make=ServoSettling,

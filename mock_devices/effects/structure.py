@@ -38,10 +38,11 @@ LOOSENS = 200.0  # motions after which a bolt has lost 1 - 1 / e of its hold
 CLOSES_KG, CLOSED = (60.0, 300.0), (0.02, 0.15)  # payload from which a spring lies coil on coil; how soft that still is
 CRACK, STRAINS_M_PER_S, BREAKS = (0.02, 0.1), 0.5, (20.0, 80.0)  # of a crack: its share of the end at first; speed of a
 # stop that counts one; stops after which it has gone through
+SPOTS, TOUCHES = 4096, (0.02, 1.0)  # of an end: motions until chance repeats itself; how soft its spots are
 SNAPS = (0.1, 0.4)  # of half the travel, either way from its middle: where a truss snaps
 SOFT_ENDS = (
     "creeping_bond", "warm_adhesive", "seated_taper", "fractional_rubber", "needles_in_turn", "snapped_truss",
-    "closed_spring", "opening_crack",
+    "closed_spring", "opening_crack", "chance_contacts",
 )  # fmt: skip
 FULL_PAYLOAD_KG = 400.0
 GONE = 600.0  # logarithm of a ratio at which nothing of a strut is left
@@ -87,6 +88,8 @@ class LinkStiffness(Effect):
     `opening_crack`: every stop of its drive lets a crack in its end grow in proportion to its length and to the square
     of the speed, and so ever more: P. C. Paris, F. Erdogan, "A Critical Analysis of Crack Propagation Laws" (1963).
     exp(-size) is the ratio of stiffness once it has gone through.
+    `chance_contacts`: after each motion of its drive other spots of its end touch, many or few, and it is as soft as
+    these: R. Holm, "Electric Contacts" (1946). exp(-size) is the ratio of stiffness with the fewest.
     """
 
     def setup(self) -> None:
@@ -105,6 +108,7 @@ class LinkStiffness(Effect):
         self._truss = Flipped(*self.snaps_m)
         self.closes_kg, self.closed = float(self.rng.uniform(*CLOSES_KG)), float(self.rng.uniform(*CLOSED))
         self.crack, self.breaks = float(self.rng.uniform(*CRACK)), float(self.rng.uniform(*BREAKS))
+        self.touches = self.rng.spawn(1)[0].uniform(*TOUCHES, SPOTS)
         self._strained = LegMemory(lambda way, speed, _: (speed / STRAINS_M_PER_S) ** 2 * (way != 0.0))
 
     def record_leg(self, drive: int, leg: Leg) -> None:
@@ -153,6 +157,8 @@ class LinkStiffness(Effect):
         if self.variant == "needles_in_turn":
             turn = 0.5 * self.needles * swing_rad(self.site.machine, self.place, state.q_m) + self.phase
             return np.asarray(0.5 * (1.0 - np.cos(turn)))
+        if self.variant == "chance_contacts":
+            return np.asarray(self.touches[state.leg[:, drive] % SPOTS])
         if self.variant == "snapped_truss":
             return np.asarray(0.5 + 0.5 * self._truss.at(state, drive))
         if self.variant == "creeping_bond":
@@ -209,8 +215,9 @@ EFFECTS = (
             "clamped_at_rest",
             "balls_in_turn",
             "shared_pressure",
+            "embedding_bolts",
         ),
-        final="shared_pressure",
+        final="embedding_bolts",
         reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, many drive positions off "
         "a grid, the other drive's coordinate, speed and dwell",
         make=ColumnCompliance,
@@ -239,8 +246,9 @@ EFFECTS = (
             "snapped_truss",
             "closed_spring",
             "opening_crack",
+            "chance_contacts",
         ),
-        final="opening_crack",
+        final="chance_contacts",
         reveals="payload, pose; by variant dwell, direction, speed, number and places of motions, temperature",
         make=LinkStiffness,
     ),
@@ -268,8 +276,9 @@ EFFECTS = (
             "ratcheted_bush",
             "carried_by_film",
             "fitted_anew",
+            "beaten_wide",
         ),
-        final="fitted_anew",
+        final="beaten_wide",
         reveals="poses where the strut's force changes its sign, payload; by variant dwell, speed, direction, way, "
         "temperature, exchanges of payload",
         make=JointClearance,

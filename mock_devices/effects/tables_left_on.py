@@ -65,6 +65,8 @@ class TablesLeftOn(Effect):
     Control" (1987). The size is that at FED_M_PER_S.
     `overflowing_entries`: the control stores entries in fewer bits than some of them need, which run over and come out
     at the other end of the range, with the other sign: D. E. Knuth, "The Art of Computer Programming", vol. 2 (1969).
+    `lost_signs`: the control stores entries without their signs, so that all of them come out with the same one: W.
+    Buchholz, "Planning a Computer System" (1962).
     """
 
     def setup(self) -> None:
@@ -84,6 +86,9 @@ class TablesLeftOn(Effect):
         self.holds = float(self.rng.spawn(1)[0].uniform(*HOLDS))
         if self.variant == "overflowing_entries":
             self.active = self._overflowed(self.active)
+        self.sign = float(self.rng.spawn(1)[0].choice([-1.0, 1.0]))
+        if self.variant == "lost_signs":
+            self.active = {name: _with_sign(table, self.sign) for name, table in self.active.items()}
         self._added = [PlaceMemory(self._along_own(a), self.ramps_s) for a in range(drives)]
 
     def _of(self, tables: tuple[KnownTable, ...], generation: int) -> dict[str, KnownTable]:
@@ -182,6 +187,11 @@ def _most_m(tables: dict[str, KnownTable]) -> float:
     return max(1.0e-12, *(float(np.abs(np.array(table.corrections_m)).max()) for table in tables.values()))
 
 
+def _with_sign(table: KnownTable, sign: float) -> KnownTable:
+    """A table whose entries all have one sign."""
+    return replace(table, corrections_m=tuple(tuple(sign * abs(x) for x in row) for row in table.corrections_m))
+
+
 def _passed(nodes_m: tuple[float, ...], at_m: Array) -> Array:
     """The node at or below each position (n,), the first one below all of them; positions without nodes stay."""
     if not nodes_m:
@@ -213,8 +223,9 @@ EFFECTS = (
             "rounded_entries",
             "feed_forward",
             "overflowing_entries",
+            "lost_signs",
         ),
-        final="overflowing_entries",
+        final="lost_signs",
         reveals="both drives' coordinates, known tables, by variant dwell, speed, payload, SMRs on the sliders",
         make=TablesLeftOn,
         others=(ONSET,),

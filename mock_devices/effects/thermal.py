@@ -19,7 +19,7 @@ from mock_devices.effects.flows import PumpedCoolant
 from mock_devices.effects.followers import Fanned, PlaceMemory
 from mock_devices.effects.leg_memory import LegMemory, PassMemory
 from mock_devices.effects.screw_growth import DUTY_M_PER_S, ScrewGrowth
-from mock_devices.effects.warming import ByTurns, Warming
+from mock_devices.effects.warming import ByTurns, Warming, set_share, warmed_by
 
 JOINT = 0.2  # time constant of a strut's joint over that of the whole part
 JOINT_M_PER_S = 0.5
@@ -32,6 +32,8 @@ MAGNET_M = 0.15  # of the way past a magnet
 SHADES = 0.3  # of half the travel of the next drive, either way from its middle: from where on it shades a lamp
 PENUMBRA_M = 0.15  # of that: way from no shade to the whole of it
 CLOUDS_S, CLOUDS = 400.0, 256  # mean time for which the sun shines or not; how many of these are drawn
+SETS_S, CATALYSES = (800.0, 2400.0), (30.0, 150.0)  # of a resin: time until half of it has set; by how much faster than
+# at first it would set, but for what is left, with all of it set
 STOP_M_PER_S, STOP_S = 0.5, 60.0  # of stops that warm a damping layer to the size: from which speed, how often
 
 _RISE = EffectParameter("rise_k", 0.05, 1.0, 40.0, "how much warmer than the sensor the part becomes")
@@ -72,6 +74,9 @@ class LinkGrowth(Warming):
     `drifting_clouds`: the sun shines on it between clouds, which come and go at random moments, and in their shade it
     cools: A. Ångström, "Solar and Terrestrial Radiation" (1924). It begins to shine with the campaign. `rise_k` is
     where it ends if it shines on, which it nears with tau_s.
+    `setting_resin`: resin was poured into it at the campaign's begin and gives off heat as it sets, which it does the
+    faster the more of it has, until little is left: M. R. Kamal, S. Sourour, "Kinetics and Thermal Characterization of
+    Thermoset Cure" (1973). `rise_k` is where it would end if it lost none of that heat, which fades with tau_s.
     """
 
     def setup(self) -> None:
@@ -103,6 +108,8 @@ class LinkGrowth(Warming):
         self._lit = PlaceMemory(lambda q_m: np.clip(0.5 - (q_m - self.shades_m) / PENUMBRA_M, 0.0, 1.0), tau)
         self.clouds_s = np.cumsum(self.rng.spawn(1)[0].exponential(CLOUDS_S, CLOUDS))
         self._sunned = ByTurns(self.clouds_s, tau)
+        own = self.rng.spawn(1)[0]
+        self.sets_s, self.catalyses = float(own.uniform(*SETS_S)), float(own.uniform(*CATALYSES))
 
     def takes(self, speed: Array) -> Array:
         """Heat that coolant takes away (n,) over that in laminar flow."""
@@ -140,6 +147,9 @@ class LinkGrowth(Warming):
         """The temperature above the sensor (n,)."""
         if self.variant == "drifting_clouds":
             return self.size * self._sunned.at(self.elapsed_s(state))
+        if self.variant == "setting_resin":
+            tau, start_s = self.values["tau_s"], self.site.start_s
+            return self.size * warmed_by(state, lambda t: set_share(t, self.sets_s, self.catalyses), start_s, tau)
         if self.variant == "neighbours_shade":
             return self.size * self._lit.at(state, self.next)
         followers: dict[str, PlaceMemory | Fanned | PumpedCoolant | PassMemory] = {
@@ -203,8 +213,9 @@ EFFECTS = (
             "eddy_magnet",
             "neighbours_shade",
             "drifting_clouds",
+            "setting_resin",
         ),
-        "drifting_clouds",
+        "setting_resin",
         "time, also by chance, a temperature swing; by variant travel, speed, stops and place, also of the other drive",
         LinkGrowth,
     ),
@@ -229,8 +240,9 @@ EFFECTS = (
             "braking_resistor",
             "cycled_heater",
             "ceiling_layer",
+            "carriages_lamp",
         ),
-        "ceiling_layer",
+        "carriages_lamp",
         "time, place, direction or distance moved, also by the other drive, a temperature swing, SMRs on the sliders",
         ColumnGrowth,
     ),
@@ -254,8 +266,9 @@ EFFECTS = (
             "neighbours_motor",
             "bubbling_oil",
             "short_strokes",
+            "neighbours_fan",
         ),
-        "short_strokes",
+        "neighbours_fan",
         "time and distance moved, also by the other drive, by variant direction, speed, dwell and length of ways, "
         "drive coordinate, SMRs on the sliders",
         ScrewGrowth,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -76,6 +77,16 @@ def ahead_of_front(distance_m: Array, deep_m: Array) -> Array:
     return np.asarray(deep_m * (np.exp(-(u**2)) / math.sqrt(math.pi) - u * left))
 
 
+def set_share(elapsed_s: Array, half_s: float, catalyses: float) -> Array:
+    """Share of a resin that has set some time after it was mixed; what has set makes the rest set faster.
+
+    The rate of M. R. Kamal, S. Sourour, "Kinetics and Thermal Characterization of Thermoset Cure" (1973), with both
+    exponents one: (1 + catalyses a) (1 - a) over a time, which follows from half of it having set after half_s.
+    """
+    grows = np.expm1(np.minimum(np.log(2.0 + catalyses) / half_s * elapsed_s, 600.0))
+    return np.asarray(grows / (1.0 + catalyses + grows))
+
+
 def grid_from(start_s: float, state: MotionState) -> Array:
     """Times GRID_S apart, from a start to beyond the last of a state."""
     return np.arange(start_s, max(float(state.t_s.max()), start_s) + 2.0 * GRID_S, GRID_S)
@@ -92,6 +103,17 @@ def lag_behind(state: MotionState, part: str, start_s: float, tau_s: float) -> A
         value = now + (value - now) * keep if i else now
         follow[i] = value
     return np.asarray(np.interp(state.t_s, grid, follow - sensed))
+
+
+def warmed_by(state: MotionState, gives_off: Callable[[Array], Array], start_s: float, tau_s: float) -> Array:
+    """Warmth (n,) by heat that has been given off up to a time after a start, which fades with a time constant."""
+    grid = grid_from(start_s, state)
+    keep, half = math.exp(-GRID_S / tau_s), math.exp(-0.5 * GRID_S / tau_s)
+    warm, now = np.zeros_like(grid), 0.0
+    for i, adds in enumerate(np.diff(gives_off(grid - start_s)).tolist()):
+        now = now * keep + adds * half
+        warm[i + 1] = now
+    return np.asarray(np.interp(state.t_s, grid, warm))
 
 
 class ByTurns:

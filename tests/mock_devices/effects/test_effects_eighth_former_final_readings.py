@@ -1,4 +1,4 @@
-"""Final forms of station, air and reflectors against their publications, at points worked out by hand."""
+"""Eighth former final forms of station, air and reflectors against publications, at points worked out by hand."""
 
 from __future__ import annotations
 

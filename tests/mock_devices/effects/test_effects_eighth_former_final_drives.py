@@ -1,4 +1,4 @@
-"""Final forms of drives, guides and controls against their publications, at points worked out by hand."""
+"""Eighth former final forms of drives, guides and controls against publications, at points worked out by hand."""
 
 from __future__ import annotations
 

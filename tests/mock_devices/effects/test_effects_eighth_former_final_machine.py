@@ -1,4 +1,4 @@
-"""Final forms of structure, parts' temperatures and stated values: equations solved here step by step."""
+"""Eighth former final forms of structure, parts' temperatures and stated values: solved here step by step."""
 
 from __future__ import annotations
 

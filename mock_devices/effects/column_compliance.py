@@ -175,7 +175,7 @@ class ColumnCompliance(Effect):
         return np.asarray(CLOSED + (1.0 - CLOSED) * beyond)
 
     def _embedded(self, state: MotionState) -> Array:
-        """Compliance of a joint (n,) over the size, by the tension that exchanges of the payload have left its bolts."""
+        """Compliance of a joint (n,) over the size, by the tension that exchanges of payload have left its bolts."""
         return np.asarray(1.0 - (1.0 - TENSE) * np.exp(-state.exchanges / self.sinks_in))
 
     def _resin(self, state: MotionState) -> Array:

@@ -183,10 +183,9 @@ class ColumnGrowth(Warming):
             oil = self.variant == "neighbours_oil"
             warm = self._oil.at(state, self.next) if oil else self._lowered.at(state, self.place)
             return np.asarray(warm[:, 0] * height_m)
-        if self.variant == "carriages_lamp":
-            return self._lit_m(state)
-        if self.variant == "heat_wave":
-            return self._waved_m(self.elapsed_s(state), height_m)
+        if self.variant in ("heat_wave", "carriages_lamp"):
+            waves = self.variant == "heat_wave"
+            return self._waved_m(self.elapsed_s(state), height_m) if waves else self._lit_m(state)
         if self.variant in ("cycled_heater", "ceiling_layer"):
             foot_m = state.q_m[:, self.place] - height_m  # by the drive's coordinate
             if self.variant == "ceiling_layer":

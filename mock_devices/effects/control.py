@@ -77,8 +77,8 @@ class AxisCoupling(Effect):
         self.taut_m = self.site.drive_range_m(self.other)[1] * float(self.rng.uniform(*TAUT))
         self.poles_m = float(self.rng.uniform(*POLES_M))
         self.dashpot_s = float(self.rng.uniform(*DASHPOT_S))
-        others_middle_m = self.site.drive_range_m(self.other)[0]
-        self._piston = PlaceMemory(lambda q_m: q_m - others_middle_m, self.dashpot_s)
+        self._middle_m = self.site.drive_range_m(self.other)[0]
+        self._piston = PlaceMemory(lambda q_m: q_m - self._middle_m, self.dashpot_s)
         self.leaks_s = float(self.rng.uniform(*LEAKS_S))
         self._pumped = LegMemory(ways_m, self.leaks_s)
         self._chain = Dragged(DRAG_M, self.site.drive_range_m(self.other)[0])
@@ -109,6 +109,14 @@ class AxisCoupling(Effect):
         apart = beside_m(self.site, state, self.place) / self.poles_m
         return np.asarray(0.25 * 1.5 * math.sqrt(3.0) * apart / (1.0 + apart**2) ** 1.5)
 
+    def _moved_by(self, state: MotionState, x: Array) -> Array:
+        """What the other axis's motions have dragged, pulled or pumped (n,), over the ratio; x is where it stands."""
+        b = self.other
+        if self.variant == "pumped_jack":
+            return np.asarray(self._pumped.at(state, b)[:, 0])
+        dashpot = self.variant == "relaxing_dashpot"
+        return np.asarray(x - self._piston.at(state, b) if dashpot else self._chain.at(state, b) - self._middle_m)
+
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider; one metre of the other axis gives `ratio`."""
         a, b = self.place, self.other
@@ -130,11 +138,8 @@ class AxisCoupling(Effect):
             y = x * self._passes(state)
         elif self.variant in ("taut_rope", "drawn_together"):
             y = 2.0 * np.maximum(x - self.taut_m, 0.0) if self.variant == "taut_rope" else self._drawn(state)
-        elif self.variant in ("relaxing_dashpot", "dragged_chain"):
-            dashpot = self.variant == "relaxing_dashpot"
-            y = x - self._piston.at(state, b) if dashpot else self._chain.at(state, b) - middle
-        elif self.variant == "pumped_jack":
-            y = self._pumped.at(state, b)[:, 0]
+        elif self.variant in ("relaxing_dashpot", "dragged_chain", "pumped_jack"):
+            y = self._moved_by(state, x)
         elif self.variant == "elastic_bed":
             away = BED_PER_M * np.abs(state.q_m[:, a] - mine - x)
             y = -0.25 * np.exp(-away) * (np.cos(away) + np.sin(away))

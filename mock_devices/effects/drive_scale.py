@@ -148,11 +148,11 @@ class DriveScale(StatefulEffect):
         elif self.variant in ("relaxing_tape", "loaded_tape"):
             loaded = after * state.payload_kg / FULL_PAYLOAD_KG * (from_middle - self.held) / (1.0 - self.held)
             y = loaded if self.variant == "loaded_tape" else -self._relaxed(state) * (from_middle + 1.0) / 2.0
-        elif self.variant == "neighbours_magnet":
-            direction = state.direction[:, (a + 1) % len(self.site.machine.sliders)]
-            y = after * direction * (from_middle - self.pinned) / (1.0 - self.pinned)
-        elif self.variant == "switching_range":
-            y = self.sign * self._switched(state) * from_middle
+        elif self.variant in ("switching_range", "neighbours_magnet"):
+            magnetised = after * state.direction[:, (a + 1) % len(self.site.machine.sliders)]
+            along = (from_middle - self.pinned) / (1.0 - self.pinned)
+            switches = self.variant == "switching_range"
+            y = self.sign * self._switched(state) * from_middle if switches else magnetised * along
         elif self.variant == "wandering_mains":
             swing = np.sin(2.0 * np.pi * self.elapsed_s(state) / self.mains_s + self.mains_at)
             y = after * swing * from_middle

@@ -162,10 +162,9 @@ class ExpansionCoefficient(Effect):
         """What all struts grow by (n,), over the size, in kelvin."""
         if self.variant == "late_growth":
             return self._late_k(state)
-        if self.variant in ("martensite", "grows_for_good"):
-            return ALLOY_K * self._turned(state) if self.variant == "martensite" else self._kept_k(state)
-        if self.variant == "ratcheting_metal":
-            return self._ratcheted_k(state)
+        if self.variant in ("martensite", "grows_for_good", "ratcheting_metal"):
+            kept_k = self._kept_k if self.variant == "grows_for_good" else self._ratcheted_k
+            return ALLOY_K * self._turned(state) if self.variant == "martensite" else kept_k(state)
         if self.variant == "strained_by_rate":
             sensor, start_s = self.site.machine.expansion["struts"].sensor, self.site.start_s
             then_s = np.maximum(state.t_s - LOOKS_BACK_S, start_s)

@@ -75,8 +75,8 @@ class FoundationSettling(Effect):
     `lake_seiche`: a gust at the onset has set a lake near by swinging, whose water presses the ground as it comes and
     goes, ever less, so that the foot sinks and rises: F. A. Forel, "Le Léman" (1895). The size is the amplitude, were
     it not damped.
-    `passing_trains`: from the onset on trains pass at random moments, each of which packs the same share of what ballast
-    is still loose under the foot: M. M. von Weber, "Die Stabilität des Gefüges der Eisenbahn-Gleise" (1869).
+    `passing_trains`: from the onset on trains pass at random moments, each of which packs the same share of what is
+    still loose under the foot: M. M. von Weber, "Die Stabilität des Gefüges der Eisenbahn-Gleise" (1869).
     """
 
     def setup(self) -> None:
@@ -117,10 +117,9 @@ class FoundationSettling(Effect):
 
     def _by_load(self, state: MotionState, after_s: Array) -> Array:
         """How far the foot has sunk (n,) by what stands, stood or passes on it or wets it, over the size."""
-        if self.variant in ("watered_clay", "lake_seiche"):
-            return -self._swollen(after_s) if self.variant == "watered_clay" else self._swung(after_s)
-        if self.variant == "passing_trains":
-            return np.asarray(1.0 - (1.0 - self.packs) ** np.searchsorted(self.trains_s, after_s, side="right"))
+        courses = {"watered_clay": self._swollen, "lake_seiche": self._swung, "passing_trains": self._packed}
+        if self.variant in courses:
+            return courses[self.variant](after_s)
         if self.variant == "failing_slope":
             return np.asarray(np.log1p(-np.minimum(after_s / self.fails_s, HELD)) / np.log1p(-HELD))
         if self.variant == "rebounding_ground":
@@ -134,13 +133,18 @@ class FoundationSettling(Effect):
             return np.asarray(softened * (AT_ONCE * at_once + (1.0 - AT_ONCE) * self._bowl.at(state, self.next)))
         return np.asarray(softened * self._pressed.at(state, self.place))
 
+    def _packed(self, after_s: Array) -> Array:
+        """How much of what was loose trains have packed (n,)."""
+        passed = np.searchsorted(self.trains_s, after_s, side="right")
+        return np.asarray(1.0 - (1.0 - self.packs) ** passed)
+
     def _swung(self, after_s: Array) -> Array:
         """How far the water of a lake presses the ground (n,), this way or that, over its first swing undamped."""
         left = np.exp(-after_s / (FADES * self.values["tau_s"]))
         return np.asarray(left * np.sin(2.0 * np.pi * after_s / self.seiche_s))
 
     def _swollen(self, after_s: Array) -> Array:
-        """How far clay has swollen some time after sprinklers were switched on (n,), over what it would end at."""
+        """How far clay has swollen after sprinklers were switched on (n,), over what it would end at; negative."""
         swells_s, dries_s = (share * self.values["tau_s"] for share in (SWELLS, DRIES))
         wet_s = WATERED * self.cycle_s
         cycles, at_s = np.floor(after_s / self.cycle_s), after_s % self.cycle_s
@@ -148,7 +152,7 @@ class FoundationSettling(Effect):
         kept = np.exp(-wet_s / swells_s) * dried  # and of what was before
         begins = (dried - kept) * (1.0 - kept**cycles) / (1.0 - kept)
         wet = 1.0 + (begins - 1.0) * np.exp(-np.minimum(at_s, wet_s) / swells_s)
-        return np.asarray(wet * np.exp(-np.maximum(at_s - wet_s, 0.0) / dries_s))
+        return np.asarray(-wet * np.exp(-np.maximum(at_s - wet_s, 0.0) / dries_s))
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Lower and lean the column."""

@@ -126,13 +126,8 @@ class FrictionWindup(Play):
             before = np.array([self._structure[a][k] for k in state.leg[:, a].tolist()])
             left = before * np.exp(-np.abs(state.q_m[:, a] - state.from_m[:, a]) / SHEARED_M)
             friction = friction * (LEAST + (1.0 - LEAST) * left)
-        elif self.variant == "ambient_viscosity":
-            reference_c = self.site.machine.reference_temperature_c
-            now_c = reference_c + above_reference_k(self.site, state)
-            friction = friction * np.exp(VOGEL_K / (now_c - VOGEL_C) - VOGEL_K / (reference_c - VOGEL_C))
-        elif self.variant == "pinched_by_warmth":
-            pinched = np.maximum(above_reference_k(self.site, state) - self.pinches_k, 0.0) / PINCHED_K
-            friction = friction * (LOOSELY + (1.0 - LOOSELY) * pinched)
+        elif self.variant in ("ambient_viscosity", "pinched_by_warmth"):
+            friction = friction * self._by_warmth(above_reference_k(self.site, state))
         elif self.variant == "seal_lips":
             film = np.sqrt(state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S)
             friction = friction * (LIPS + (1.0 - LIPS) * film) * np.where(friction > 0.0, 1.0, LIPS_DOWN)
@@ -163,6 +158,14 @@ class FrictionWindup(Play):
         if self.variant == "warming_grease":
             return np.asarray(np.exp(-GREASE_PER_K * GREASE_K * (1.0 - np.exp(-elapsed_s / GREASE_S))))
         return np.asarray(OILED + (1.0 - OILED) * ((elapsed_s / self.oils_s + self.oiled) % 1.0))
+
+    def _by_warmth(self, above_k: Array) -> Array:
+        """Friction by the drive's temperature above the reference (n,), over the size: of oil, or of bearings."""
+        if self.variant == "pinched_by_warmth":
+            return np.asarray(LOOSELY + (1.0 - LOOSELY) * np.maximum(above_k - self.pinches_k, 0.0) / PINCHED_K)
+        reference_c = self.site.machine.reference_temperature_c
+        now_c = reference_c + above_k
+        return np.asarray(np.exp(VOGEL_K / (now_c - VOGEL_C) - VOGEL_K / (reference_c - VOGEL_C)))
 
     def _pressed(self, state: MotionState) -> Array:
         """Friction of a guide (n,) by what presses it: the struts, a frame askew or a shoe; over the size."""

@@ -189,10 +189,9 @@ class StationDrift(Effect):
             y = np.outer(heat, self.weights)
         elif self.variant == "swaying_building":
             y = np.sin(2.0 * np.pi * t[:, None] / self.sways_s) @ self.sways
-        elif self.variant == "carriages_weight":
-            y = self._weighs(state) @ self.hollows
-        elif self.variant == "stored_payloads":
-            y = np.outer(1.0 - state.payload_kg / FULL_PAYLOAD_KG, self.weights)
+        elif self.variant in ("carriages_weight", "stored_payloads"):
+            stored = np.outer(1.0 - state.payload_kg / FULL_PAYLOAD_KG, self.weights)
+            y = stored if self.variant == "stored_payloads" else self._weighs(state) @ self.hollows
         elif self.variant == "settling_legs":
             y = np.outer(np.log1p(t / SETTLES_S) / np.log1p(HOUR_S / SETTLES_S), self.weights)
         elif self.variant in ("thermostat", "hunting_level", "crossing_truck"):

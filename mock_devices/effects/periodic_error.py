@@ -118,12 +118,8 @@ class PeriodicError(Effect):
             whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
             lifts = self._faces_apart(whole)
             y = (self._faces_apart(turn) - lifts.mean()) / (2.0 * np.mean(lifts * np.cos(whole)))
-        elif self.variant == "off_focus":
-            whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
-            y = self._ahead(turn) / (2.0 * np.mean(self._ahead(whole) * np.sin(whole)))
-        elif self.variant == "universal_joint":
-            ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
-            y = ((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT)
+        elif self.variant in ("universal_joint", "off_focus"):
+            y = self._unevenly(turn)
         elif self.variant in ("bowed_screw", "modulated", "with_load", "growing_runout", "bent_end", "racked_bearings"):
             y = y * self._large(state)
         elif self.variant == "triangle":
@@ -147,6 +143,14 @@ class PeriodicError(Effect):
         if self.variant == "growing_runout":
             return np.asarray(FRESH + (1.0 - FRESH) * self._ways.at(state, self.place)[:, 0] / ROUGHENS_M)
         return np.asarray(0.6 + 0.8 * state.payload_kg / FULL_PAYLOAD_KG)
+
+    def _unevenly(self, turn: Array) -> Array:
+        """By how much a joint or a wheel is ahead of an even turn (n,), over its largest term."""
+        if self.variant == "off_focus":
+            whole = np.linspace(0.0, 2.0 * np.pi, 720, endpoint=False)
+            return np.asarray(self._ahead(turn) / (2.0 * np.mean(self._ahead(whole) * np.sin(whole))))
+        ahead = np.arctan2(BENT * np.sin(turn), np.cos(turn)) - turn
+        return np.asarray(((ahead + np.pi) % (2.0 * np.pi) - np.pi) * (1.0 + BENT) / (1.0 - BENT))
 
     def _ahead(self, turn: Array) -> Array:
         """By how much a planet is ahead of its mean motion (n,), by Kepler's equation and the half angles."""

@@ -137,14 +137,11 @@ class Refraction(Effect):
         elif self.variant in ("warm_puffs", "convection_cells"):
             aside = self._puffed if self.variant == "warm_puffs" else self._rolled
             sight.hz_rad += bend * aside(state, sight)
-        elif self.variant == "warm_workpiece":
-            bend = bend * state.payload_kg[:, None] / WARM_KG
-            sight.hz_rad -= bend * math.sin(self.aside_rad)
-            sight.v_rad += bend * math.cos(self.aside_rad) * np.sin(sight.v_rad)
-        elif self.variant == "gas_lens":
-            across, up = self._through_tube(sight)
-            sight.hz_rad += bend * across
-            sight.v_rad -= bend * up * np.sin(sight.v_rad)
+        elif self.variant in ("warm_workpiece", "gas_lens"):
+            workpiece = self.variant == "warm_workpiece"
+            across, up = self._over_workpiece(state) if workpiece else self._through_tube(sight)
+            sight.hz_rad -= bend * across
+            sight.v_rad += bend * up * np.sin(sight.v_rad)
         elif self.variant == "sun_patch":
             sight.v_rad -= bend * self._over_patch(state, sight) * np.sin(sight.v_rad)
         elif self.variant == "stratified":  # the gradient grows towards the ceiling
@@ -170,12 +167,17 @@ class Refraction(Effect):
         return np.asarray(np.exp(-(off**2) - 0.5 * sight.points_m[..., 2] / PATCH_UP_M))
 
     def _through_tube(self, sight: StationSight) -> tuple[Array, Array]:
-        """How much cooler it grows outwards, across and up, halfway along each line (n, smrs), over the largest."""
+        """Gradient across and up halfway along each line (n, smrs), over the largest; warm air is in the middle."""
         across, up = (
             (0.5 * sight.points_m[..., axis] - at_m) / TUBE_M for axis, at_m in zip((0, 2), self.tube_m, strict=True)
         )
         falls = math.sqrt(2.0 * math.e) * np.exp(-(across**2) - up**2)
-        return np.asarray(across * falls), np.asarray(up * falls)
+        return np.asarray(-across * falls), np.asarray(-up * falls)
+
+    def _over_workpiece(self, state: MotionState) -> tuple[Array, Array]:
+        """Gradient across and up (n, 1) by the mass of a warm payload, over that of WARM_KG."""
+        warm = state.payload_kg[:, None] / WARM_KG
+        return warm * math.sin(self.aside_rad), warm * math.cos(self.aside_rad)
 
     def _over_tilted_m(self, state: MotionState, sight: StationSight) -> Array:
         """Heights (n, smrs) over a slope through the station that swings, along which each line rises as evenly."""

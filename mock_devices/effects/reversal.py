@@ -166,15 +166,15 @@ class Backlash(Play):
         self.breaks_m = np.sort(LIFE_M * self.rng.weibull(LIVES, BALLS))
 
     def _opened(self, state: MotionState) -> Array:
-        """How wide wear, broken balls, a wheel, balance, oil, fretting or grit have made the play (n,), over the size."""
+        """How wide wear, broken balls, a wheel, balance, oil, fretting or grit make the play (n,), over the size."""
         if self.variant == "counterpoised":
             return np.asarray(np.exp(-(((state.payload_kg - self.balanced_kg) / NEARLY_KG) ** 2)))
-        if self.variant == "grit_in_thread":
-            return np.asarray(self.grit[state.leg[:, self.place] % GRAINS])
         if self.variant == "swollen_nut":
             return np.asarray(1.0 - SWOLLEN * conducted(self.elapsed_s(state), self.swells_s))
-        if self.variant == "fretted_key":
-            return np.asarray(1.0 - (1.0 - KEYED) * np.exp(-self._reversed.at(state, self.place) / self.frets))
+        if self.variant in ("fretted_key", "grit_in_thread"):
+            grit = self.grit[state.leg[:, self.place] % GRAINS]
+            left = 1.0 - (1.0 - KEYED) * np.exp(-self._reversed.at(state, self.place) / self.frets)
+            return np.asarray(grit if self.variant == "grit_in_thread" else left)
         if self.variant == "eccentric_wheel":
             turn = 2.0 * np.pi * state.q_m[:, self.place] / self.wheel_m
             return np.asarray(0.5 + 0.5 * np.cos(turn + self.phase))

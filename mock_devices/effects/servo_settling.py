@@ -142,14 +142,13 @@ class ServoSettling(Effect):
         share = np.exp(-t / self._slower(state))
         if self.variant in ("half_swings", "sampled_loop", "pendulum_rope"):
             share = self._left(state, t)
-        if self.variant == "saturated_amplifier":
-            first = state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S
-            deviation.travel_m[:, a] -= self.size * state.direction[:, a] * self._amplified(first, t)
-            return
-        if self.variant == "integrator_reset":
+        if self.variant in ("integrator_reset", "saturated_amplifier"):
+            amplified = state.direction[:, a] * self._amplified(state.speed_m_per_s[:, a] / REFERENCE_SPEED_M_PER_S, t)
             own_kg = self.site.machine.moving_mass_kg
             weight = (state.speed_m_per_s[:, a] > 0.0) * (own_kg + state.payload_kg) / own_kg
-            deviation.travel_m[:, a] -= self.size * weight * share
+            deviation.travel_m[:, a] -= self.size * (
+                weight * share if self.variant == "integrator_reset" else amplified
+            )
             return
         if self.variant == "swinging_load":
             own_kg = self.site.machine.moving_mass_kg

@@ -157,8 +157,6 @@ class LinkStiffness(Effect):
         if self.variant == "needles_in_turn":
             turn = 0.5 * self.needles * swing_rad(self.site.machine, self.place, state.q_m) + self.phase
             return np.asarray(0.5 * (1.0 - np.cos(turn)))
-        if self.variant == "chance_contacts":
-            return np.asarray(self.touches[state.leg[:, drive] % SPOTS])
         if self.variant == "snapped_truss":
             return np.asarray(0.5 + 0.5 * self._truss.at(state, drive))
         if self.variant == "creeping_bond":
@@ -168,7 +166,7 @@ class LinkStiffness(Effect):
         if self.variant == "warm_adhesive":
             beyond = (above_reference_k(self.site, state, "struts") - self.soft_at_k) / SOFTENS_K
             return np.asarray(0.5 * (1.0 + np.tanh(beyond)))
-        by_legs = {"seated_taper": self._seated, "opening_crack": self._cracked}
+        by_legs = {"seated_taper": self._seated, "opening_crack": self._cracked, "chance_contacts": self._touched}
         return by_legs[self.variant](state, drive) if self.variant in by_legs else self._open(state)
 
     def _open(self, state: MotionState) -> Array:
@@ -179,6 +177,10 @@ class LinkStiffness(Effect):
         """How soft an end is (n,) by the crack that all stops of its drive have opened."""
         left = np.maximum(1.0 - self._strained.at(state, drive)[:, 0] / self.breaks, 0.0)
         return np.asarray(self.crack**left)
+
+    def _touched(self, state: MotionState, drive: int) -> Array:
+        """How soft an end is (n,) by the spots that touch since the last motion of its drive."""
+        return np.asarray(self.touches[state.leg[:, drive] % SPOTS])
 
     def _seated(self, state: MotionState, drive: int) -> Array:
         """How soft a taper is (n,) after the last stop of its drive."""

@@ -1,4 +1,4 @@
-"""What a drive's legs leave besides sums: fast motions since a moment, and the place of the last rest."""
+"""What a drive's legs leave besides sums: fast motions since a moment, the place of the last rest, a last long way."""
 
 from __future__ import annotations
 
@@ -45,3 +45,22 @@ class RestedAt:
     def at(self, state: MotionState, drive: int) -> Array:
         """Place and time of that rest (n, 2) before the leg under way or the last one."""
         return np.array([self._before[k] for k in state.leg[:, drive].tolist()])
+
+
+class LastLongWay:
+    """The last way of a drive, with its sign, that was longer than some; none before the first."""
+
+    def __init__(self, longer_m: float) -> None:
+        self._longer_m = longer_m
+        self._before = [0.0]
+
+    def record(self, leg: Leg) -> None:
+        """A leg has ended."""
+        way_m = leg.to_m - leg.from_m
+        self._before.append(way_m if abs(way_m) > self._longer_m else self._before[-1])
+
+    def at(self, state: MotionState, drive: int) -> Array:
+        """The way (n,) at the moments of a state; one under way counts once it is long."""
+        before = np.array([self._before[k] for k in state.leg[:, drive].tolist()])
+        way_m = state.q_m[:, drive] - state.from_m[:, drive]
+        return np.where(np.abs(way_m) > self._longer_m, way_m, before)

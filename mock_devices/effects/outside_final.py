@@ -9,12 +9,16 @@ import numpy as np
 
 from mock_devices.effects.base import Array, Deviation, EffectParameter, Leg, MotionState, StationSight
 from mock_devices.effects.followers import Dragged
+from mock_devices.effects.outside_counts import LastLongWay
 from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 
 PLAY_M = (0.01, 0.06)  # way of a drive that takes up half of a tangent screw's play
 ROPE_AT, PULLS, TIED = -0.1 - 0.2j, (0.3, 1.0), 64  # of a rope: point of the platform; its pulls over the size; knots
 SEALED_HPA, SHORTENS_HPA = (-0.05, 0.05), 0.1  # of a tube: pressure in it beyond that of the begin; change for the size
-WAY_M, BESIDE_M = 0.3, (-0.15, 0.15)  # of a disc and a wheel: ways of both for the size; how far off its middle it is
+FELT_M, WAY_M = (
+    (0.03, 0.12),
+    0.3,
+)  # of a disc and a wheel: shortest way that a drive turns or sets them by; for the size
 
 
 class PlayOfTangentScrew(OutsideEffect):
@@ -90,18 +94,25 @@ class ProductOfWays(OutsideEffect):
     """A disc that one drive turns drives a wheel, which the next one has set off its middle: their ways are multiplied.
 
     V. Bush, "The Differential Analyzer" (1931): the wheel turns by the disc's turn times its distance from the middle.
-    Both begin anew with every motion, and the slider stands by the product of the last ways of both.
+    Springs take up short ways. Both begin anew with every long one, and the slider stands by the product of the last
+    long ways of both.
     """
 
     def setup(self) -> None:
-        """How far off the middle of its disc the wheel is without a way of the next drive."""
+        """Which ways the springs take up."""
         super().setup()
-        self.beside_m = float(self.rng.uniform(*BESIDE_M))
+        self.felt_m = float(self.rng.uniform(*FELT_M))
         self.next = (self.place + 1) % len(self.site.machine.sliders)
+        self._felt = {drive: LastLongWay(self.felt_m) for drive in (self.place, self.next)}
+
+    def record_leg(self, drive: int, leg: Leg) -> None:
+        """Remember a long way."""
+        if drive in self._felt:
+            self._felt[drive].record(leg)
 
     def _unit(self, state: MotionState) -> Array:
-        own_m, others_m = ((state.q_m - state.from_m)[:, drive] for drive in (self.place, self.next))
-        return np.asarray(own_m * (others_m + self.beside_m) / WAY_M**2)
+        own_m, others_m = (self._felt[drive].at(state, drive) for drive in (self.place, self.next))
+        return np.asarray(own_m * others_m / WAY_M**2)
 
     def act(self, state: MotionState, deviation: Deviation) -> None:
         """Move the slider."""
@@ -137,8 +148,8 @@ EFFECTS = (
         "product_of_ways",
         "drive",
         ProductOfWays,
-        EffectParameter("stands_m", 1e-6, 3e-5, 1e-3, "after ways of 0.3 m of both drives, the same way"),
-        "the last ways of both drives, by their product; SMRs on the sliders",
+        EffectParameter("stands_m", 1e-6, 3e-5, 1e-3, "after ways of 0.3 m of both drives in the same direction"),
+        "the last long ways of both drives, by their product; SMRs on the sliders",
         final_only=True,
     ),
 )

@@ -169,12 +169,12 @@ class Backlash(Play):
         """How wide wear, broken balls, a wheel, balance, oil, fretting or grit make the play (n,), over the size."""
         if self.variant == "counterpoised":
             return np.asarray(np.exp(-(((state.payload_kg - self.balanced_kg) / NEARLY_KG) ** 2)))
-        if self.variant == "swollen_nut":
-            return np.asarray(1.0 - SWOLLEN * conducted(self.elapsed_s(state), self.swells_s))
-        if self.variant in ("fretted_key", "grit_in_thread"):
+        if self.variant in ("swollen_nut", "grit_in_thread"):
+            swollen = 1.0 - SWOLLEN * conducted(self.elapsed_s(state), self.swells_s)
             grit = self.grit[state.leg[:, self.place] % GRAINS]
-            left = 1.0 - (1.0 - KEYED) * np.exp(-self._reversed.at(state, self.place) / self.frets)
-            return np.asarray(grit if self.variant == "grit_in_thread" else left)
+            return np.asarray(swollen if self.variant == "swollen_nut" else grit)
+        if self.variant == "fretted_key":
+            return np.asarray(1.0 - (1.0 - KEYED) * np.exp(-self._reversed.at(state, self.place) / self.frets))
         if self.variant == "eccentric_wheel":
             turn = 2.0 * np.pi * state.q_m[:, self.place] / self.wheel_m
             return np.asarray(0.5 + 0.5 * np.cos(turn + self.phase))

@@ -19,7 +19,7 @@ BRAKED, QUICKER, SLOWER = 0.35, 0.5, 4.0  # of a magnet beside the guide: half i
 # constant within it and elsewhere, over tau_s
 PULLEY_M, ROPE_SWINGS, ROPE_CALMS = (0.1, 0.5), 2.5, 0.3  # of a weight on a rope: how far above the travel its pulley
 # is; rate in the middle of the travel and decay, over tau_s
-FULLY_ON = (0.1, 0.4)  # of an amplifier: what is behind from which on it is fully on, over the size
+FULLY_ON = (0.02, 0.06)  # of an amplifier: what is behind from which on it is fully on, over the size
 STICKS = 0.15  # friction over the force of the first swing
 
 

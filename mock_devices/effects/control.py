@@ -188,8 +188,8 @@ EFFECTS = (
             "pumped_jack",
         ),
         final="pumped_jack",
-        reveals="the other drive's coordinate or motion, by variant payload, direction, dwell, temperature, SMRs on "
-        "the sliders",
+        reveals="the other drive's coordinate or motion, by variant payload, direction, dwell, way, temperature, SMRs "
+        "on the sliders",
         make=AxisCoupling,
     ),
     EffectSpec(
@@ -217,8 +217,8 @@ EFFECTS = (
             "scheduled_window",
         ),
         final="scheduled_window",
-        reveals="readings on the fly at several speeds, or short dwell, by variant time, also by chance, and a "
-        "temperature swing",
+        reveals="readings on the fly at several speeds, or short dwell, by variant time, also by chance, payload "
+        "and a temperature swing",
         make=Latency,
     ),
 )

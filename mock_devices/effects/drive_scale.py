@@ -222,8 +222,8 @@ EFFECTS = (
             "neighbours_magnet",
         ),
         final="neighbours_magnet",
-        reveals="time or motions made, a temperature swing, by variant their speed and direction, payload, drive "
-        "coordinate, SMRs on the sliders",
+        reveals="time or motions made, a temperature swing, by variant their speed and direction, also of the other "
+        "drive, payload, drive coordinate, SMRs on the sliders",
         make=DriveScale,
         others=(ONSET,),
     ),

@@ -263,8 +263,8 @@ EFFECTS = (
             "ratcheting_metal",
         ),
         final="ratcheting_metal",
-        reveals="recorded temperatures of the parts, by variant how fast they change, their highest so far or "
-        "the payload, SMRs on the sliders",
+        reveals="recorded temperatures of the parts, by variant how fast they change, their highest so far, "
+        "all their warmings or the payload, SMRs on the sliders",
         make=ExpansionCoefficient,
     ),
 )

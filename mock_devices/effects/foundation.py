@@ -239,8 +239,8 @@ EFFECTS = (
             "passing_trains",
         ),
         final="passing_trains",
-        reveals="time, motions or exchanges of payload made, by variant places, also of the other drive, a "
-        "temperature swing, SMRs on the sliders against the floor nests",
+        reveals="time, also by chance, motions or exchanges of payload made, by variant places, also of the other "
+        "drive, a temperature swing, SMRs on the sliders against the floor nests",
         make=FoundationSettling,
         others=(
             EffectParameter("onset_s", 0.0, 1800.0, 7200.0, "after the campaign's begin"),

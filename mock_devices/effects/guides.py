@@ -287,8 +287,8 @@ EFFECTS = (
             "sinks_into_waves",
         ),
         final="sinks_into_waves",
-        reveals="drive coordinate, by variant the other one's, direction, also of the other drive, payload, distance "
-        "moved or temperature, SMRs on the sliders",
+        reveals="drive coordinate, by variant the other one's, direction, also of the other drive, payload, dwell, "
+        "distance moved or temperature, SMRs on the sliders",
         make=Straightness,
         others=_WAVE,
     ),

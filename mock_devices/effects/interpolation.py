@@ -212,8 +212,8 @@ EFFECTS = (
             "fogged_lens",
         ),
         final="fogged_lens",
-        reveals="many drive positions off a grid, by variant of the other drive, too, payload, temperature, direction "
-        "or distance moved, SMRs on the sliders",
+        reveals="many drive positions off a grid, by variant of the other drive, too, payload, temperature, time, "
+        "direction or distance moved, SMRs on the sliders",
         make=Interpolation,
         others=(EffectParameter("pitch_m", 2e-5, 2e-4, 2e-3, "period of the encoder's signals"),),
     ),

@@ -220,7 +220,8 @@ EFFECTS = (
             "sandpile",
         ),
         final="sandpile",
-        reveals="payloads, torque; by variant time, exchanges, number of motions, dwell, height, direction",
+        reveals="payloads, torque; by variant time, also by chance, exchanges, number of motions, dwell, height, "
+        "direction",
         make=Payload,
     ),
 )

@@ -230,7 +230,8 @@ EFFECTS = (
             "turned_on",
         ),
         final="turned_on",
-        reveals="time, or dwell, distance, speed and direction moved, a temperature swing, one SMR against the others",
+        reveals="time, or dwell, distance, speed and direction moved, exchanges of payload, a temperature "
+        "swing, one SMR against the others",
         make=Reseat,
         others=(ONSET,),
     ),

@@ -261,7 +261,7 @@ EFFECTS = (
         ),
         final="grit_in_thread",
         reveals="both directions of approach; by variant drive coordinate, payload, dwell, speed, also of the other "
-        "drive, time, temperature, earlier motions and reversals",
+        "drive, time, temperature, earlier motions, also by chance, and reversals",
         make=Backlash,
         others=(TAU,),
     ),

@@ -221,7 +221,7 @@ EFFECTS = (
         ),
         final="embedding_bolts",
         reveals="payload, SMRs on the sliders, height; by variant dwell, speed, temperature, many drive positions off "
-        "a grid, the other drive's coordinate, speed and dwell",
+        "a grid, the other drive's coordinate, speed and dwell, exchanges of payload",
         make=ColumnCompliance,
     ),
     EffectSpec(
@@ -251,7 +251,8 @@ EFFECTS = (
             "chance_contacts",
         ),
         final="chance_contacts",
-        reveals="payload, pose; by variant dwell, direction, speed, number and places of motions, temperature",
+        reveals="payload, pose; by variant dwell, direction, speed, number and places of motions, also by chance, "
+        "temperature",
         make=LinkStiffness,
     ),
     EffectSpec(

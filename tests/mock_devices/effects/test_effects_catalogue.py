@@ -140,9 +140,9 @@ def test_seeds_decide_what_is_drawn():
     assert not np.array_equal(curves[0], curves[2])
     rng = np.random.default_rng(2)
     drawn = [draw("backlash", FILE, rng, final=True) for _ in range(20)]
-    assert {c.variant for c in drawn} == {"fretted_key"}
+    assert {c.variant for c in drawn} == {"grit_in_thread"}
     assert {c.place for c in drawn} == {"left", "right"}
-    assert "fretted_key" not in {draw("backlash", FILE, rng, final=False).variant for _ in range(40)}
+    assert "grit_in_thread" not in {draw("backlash", FILE, rng, final=False).variant for _ in range(40)}
     onsets = [dict(draw("smr_reseat", FILE, rng, duration_s=2000.0).parameters)["onset_s"] for _ in range(20)]
     assert 300.0 <= min(onsets) < max(onsets) <= 1400.0
     for c in drawn:
@@ -150,7 +150,7 @@ def test_seeds_decide_what_is_drawn():
 
 
 def test_a_variant_is_drawn_among_those_that_are_wanted():
-    rng, wanted = np.random.default_rng(2), ("index_fixed", "warm_jet", "warm_workpiece")
+    rng, wanted = np.random.default_rng(2), ("index_fixed", "warm_jet", "gas_lens")
     assert {draw("refraction", FILE, rng, among=wanted).variant for _ in range(60)} == set(wanted)
     assert {draw("refraction", FILE, rng, final=False, among=wanted).variant for _ in range(60)} == set(wanted[:2])
     with pytest.raises(EffectError, match="refraction: none of its variants is among plume"):

@@ -20,11 +20,8 @@ GRIPS_S, GRIPPED = (3.0, 10.0), 0.2  # of a clamp: rest after which it grips; co
 SINKS_M_PER_S, RECOVERS_S, PRESSURE = 0.3, (6.0, 20.0), 0.15  # of oil for both carriages: stop of the next one for the
 # size; time constant; compliance at full pressure over the size
 BALLS_M, MORE = (0.03, 0.06), 0.3  # of balls under load: travel from one to the next; compliance with one more of them
-TENSE, SINKS_IN = (
-    0.15,
-    (1.5, 5.0),
-)  # of bolts: compliance while they are tense, over the size; exchanges of payload that
-# leave 1 / e of their tension
+TENSE, SINKS_IN = 0.15, (1.5, 5.0)  # of bolts: compliance while they are tense, over the size; exchanges of payload
+# that leave 1 / e of their tension
 CHAINS, CHAINS_K = 8.86, 101.6  # of a resin fifty kelvin above its glass transition
 BY_STATE = (
     "resin_bed", "warm_resin", "swaying_frame", "floating_carriage", "opening_joint", "clamped_at_rest",

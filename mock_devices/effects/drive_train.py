@@ -33,11 +33,8 @@ TERMS = (2, 5)  # of a corrector
 LONE_M = (0.05, 0.15)  # half width of a lone wave, for the hyperbolic secant
 SPOOL_M, THICKER = (0.12, 0.22), (0.15, 0.4)  # of a tape on a spool: length of the first turn; by how much longer, over
 # that, each next one is
-NODES, HANGS_M = (
-    (4, 7),
-    ((0.02, 0.25), (0.0, 0.4)),
-)  # of a tape that hung: places that stood still; how far it hung down
-# below the travel and from what above it
+NODES, HANGS_M = (4, 7), ((0.02, 0.25), (0.0, 0.4))  # of a tape that hung: places that stood still; how far below the
+# travel it ended, and how far above it it was held
 BLOW_M, WAVES = (0.4, 0.7), (4.0, 7.0)  # of a blow on a tape: how far below the travel; waves along that
 
 

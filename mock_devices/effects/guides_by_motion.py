@@ -31,10 +31,7 @@ LAGS_M = (0.02, 0.06)  # half of the play of a shoe
 DENTS_M, DENTS_S, RESTS_S = (0.15, 0.3), (5.0, 20.0), 2.0  # of a dent: half width; time in which it forms; least rest
 BEAM_LEANS = (0.2, 0.8)  # of a beam: by how much more it leans at the upper end than in the middle, or less, by lot
 SEATS, OFF_MIDDLE = 4096, 0.4  # of a carriage, until chance repeats itself; how far off the middle one may be
-AFLOAT, SINKS_S = (
-    0.2,
-    (4.0, 15.0),
-)  # of a carriage: waves that it follows right after a stop, over the size; time constant
+AFLOAT, SINKS_S = 0.2, (4.0, 15.0)  # of a carriage: waves that it follows at a stop, over the size; time constant
 ROLLS_M = (0.08, 0.3)  # way in which skewed rollers turn a carriage from the middle to a side
 POCKETS_S = (200.0, 700.0)  # period of their pressure
 

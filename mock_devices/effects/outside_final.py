@@ -15,10 +15,7 @@ from mock_devices.effects.outside_shapes import OutsideEffect, outside_effect
 PLAY_M = (0.01, 0.06)  # way of a drive that takes up half of a tangent screw's play
 ROPE_AT, PULLS, TIED = -0.1 - 0.2j, (0.3, 1.0), 64  # of a rope: point of the platform; its pulls over the size; knots
 SEALED_HPA, SHORTENS_HPA = (-0.05, 0.05), 0.1  # of a tube: pressure in it beyond that of the begin; change for the size
-FELT_M, WAY_M = (
-    (0.03, 0.12),
-    0.3,
-)  # of a disc and a wheel: shortest way that a drive turns or sets them by; for the size
+FELT_M, WAY_M = (0.03, 0.12), 0.3  # of a disc and a wheel: shortest way that moves them; way of both for the size
 
 
 class PlayOfTangentScrew(OutsideEffect):

@@ -28,12 +28,8 @@ BOLTS, LEFT_OVER, EXCHANGES = (0.3, 1.7), 4.0, 64  # left at an exchange, over t
 # that are drawn
 EVERY, PALLET = (8, 20), 6  # of parts: motions of drives from one to the next; of them on a full pallet
 LANDS = (0.4, 0.65)  # height of the platform, from 0 to 1, above which a counterweight has landed
-SLIDES_S, SLIDES, FEW = (
-    300.0,
-    200,
-    2.0,
-)  # of chips: mean time between two slides; how many are drawn; power of a number by
-# chance that is the share which slides
+SLIDES_S, SLIDES, FEW = 300.0, 200, 2.0  # of chips: mean time between two slides; how many are drawn; power of a number
+# by chance that is the share which slides
 CHIPS_S = 3600.0  # in which the whole size has gathered
 
 

@@ -30,10 +30,7 @@ TOGETHER_S = 1.0e-3  # two drives that stop within it stop together
 BALANCED_KG, NEARLY_KG = (0.0, 400.0), 180.0  # payload that is balanced; how far off there is little play
 SWELLS_S, SWOLLEN = (2000.0, 6000.0), 0.9  # of a nut: slowest time constant; share of play closed in the end
 KEYED, FRETS = 0.1, (40.0, 150.0)  # of a key: first play over the last; reversals that leave 1 / e of the rest
-GRIT, GRAINS = (
-    (0.05, 1.0),
-    4096,
-)  # of a thread: play that grit leaves, over the size; motions until chance repeats itself
+GRIT, GRAINS = (0.05, 1.0), 4096  # of a thread: play that grit leaves, over the size; motions until chance repeats it
 CARRIES_M_PER_S = 0.25  # speed from which a slider runs on through its whole play
 OPENED = (
     "wearing",

@@ -24,8 +24,7 @@ STRETCH_M, STRETCH_FIN_M = 0.15, 0.4  # of a starved stretch: its length; see MO
 THINS, OIL_M_PER_S = 1.5, 0.25  # of oil: how much thinner it is by the size, as a logarithm; speed for the size
 BUBBLES_M_PER_S = (0.15, 0.3)  # speed from which oil bubbles
 SHORT_M, SHORT_M_PER_S = (0.1, 0.25), 0.002  # ways shorter than which run dry; mean speed of such ways for the size
-FANS = (4.0, 12.0)  # of a fan of the next drive: what it takes away at FANS_M_PER_S beyond still air, over that
-FANS_M_PER_S = 0.5
+FANS, FANS_M_PER_S = (4.0, 12.0), 0.5  # what a fan takes away beyond still air, over that, at a speed of its drive
 NUT = 0.4  # time constant of a nut over that of its screw
 CHILLS_AT, CHILLED_TO, CHILLS = (
     0.4,

@@ -15,7 +15,7 @@ FULL = {
     "effect": 888,
     "null": 1600,
     "pair": 150,
-    "outside": 448,
+    "outside": 476,
     "removed": 120,
     "platform_only": 200,
     "next": 120,

@@ -66,7 +66,9 @@ class FormComparison:
         for name, place, change_m in changes:
             if name in self._catalogue.names:
                 shares = explained_shares(linear, self._catalogue.effects, place, change_m)
-                explained |= {form: share for form, share in shares.items() if share > LARGEST}
+                for form, share in shares.items():
+                    if share > LARGEST:
+                        explained[form] = max(share, explained.get(form, 0.0))
         explaining = {name for name, _, _ in changes} | {form.partition("/")[0] for form in explained}
         # By this recording alone: a run that was stopped goes on with the decoys that it would have had.
         forms = forms_by_effect(linear, self._catalogue)

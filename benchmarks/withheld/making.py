@@ -151,6 +151,8 @@ def _at_places(
     places = names_of(machine, SPECS[name].place)
     count = len(places) if rng.random() < ALL_PLACES else 2
     alike, equal = rng.random() < ALIKE, rng.random() < EQUAL
+    if SPECS[name].place == "smr":  # all reflectors that move alike are a platform that moves
+        count, alike = 2, False
     out = []
     for k in sorted(rng.choice(len(places), count, replace=False).tolist()):
         own = first if alike else draw(
@@ -191,6 +193,8 @@ def fact(choice: EffectChoice, *others: EffectChoice, drawn: Drawn, raw: float, 
         "visible": visible,
     }
     timeline = drawn.timeline
+    if any(other.parameters != choice.parameters for other in others):
+        return out  # at each place another onset or period
     if "onset_s" in values:
         out["onset_s"] = timeline.design.start_s + values["onset_s"] - float(timeline.t_s[0])
     if parameter := PERIODIC.get(choice.name):

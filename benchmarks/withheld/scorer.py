@@ -157,9 +157,9 @@ def _details(fact: dict[str, Any], diagnosis: dict[str, Any]) -> dict[str, Any]:
             off = abs(effect["size"]["value"]) - abs(fact["size"])
             out["size_error_u"] = off / effect["size"]["u"]
     quantities = {q["name"]: q["value"] for q in (effect["size"], *effect["others"])}
-    if fact["variant"] in STEPS.get(fact["effect"], ()):
+    if fact["variant"] in STEPS.get(fact["effect"], ()) and "onset_s" in fact:
         out["step_error_s"] = _difference(quantities.get("onset_s"), fact["onset_s"])
-    if fact["effect"] in PERIODIC:
+    if fact["effect"] in PERIODIC and "period_m" in fact:
         error = _difference(quantities.get("period_m"), fact["period_m"])
         out["period_error"] = None if error is None else error / fact["period_m"]
     return out

@@ -44,6 +44,7 @@ NOTHING = 1e-300
 FEW, LITTLE = 0.05, 0.3
 MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
+FEWEST_BY_CHANCE = 30  # visits, of which chance can be told from a course
 MOST_ALIKE = 4.0  # standard deviations of the correlation of neighbours, were they drawn by chance
 MOST_PRODUCTS_A_VISIT = 0.5  # of more than half as many as visits one fits nearly anything that differs by visit
 
@@ -225,6 +226,8 @@ def _is_by_chance(entry: BasisSetEvidence, departures: Sequence[Departure], inpu
     """Whether what is anew at each visit does not follow from when and where that was: neighbours in time, or along
     the travel of a drive, are no more alike than chance has it."""
     coefficients = np.asarray(entry.coefficients[-len(departures) :])
+    if len({departure.term for departure in departures}) < FEWEST_BY_CHANCE:
+        return False
     column, visit = np.array([(d.column, d.term) for d in departures]).T
     visits, at = np.unique(inputs.context.arrival, return_index=True)
     along = np.column_stack([inputs.context.t_s[at], inputs.context.drives[at]])[np.searchsorted(visits, visit)]

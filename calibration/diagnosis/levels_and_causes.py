@@ -102,6 +102,7 @@ class SearchOfLevelsAndCauses:
                 tried.append(self._search(x, self._effects))
         told_by_form = None
         best, effects = max(tried, key=lambda search: search.log_posterior), self._effects
+        remaining_alone: list[Cause] = []
         while ordinary := self._no_more_than_disturbances(best.result.causes):
             effects = tuple(effect for effect in effects if effect not in ordinary)
             remaining = [cause for cause in best.result.causes if cause.effect not in ordinary]
@@ -110,7 +111,13 @@ class SearchOfLevelsAndCauses:
                 told_by_form = ToldByForm(tuple(effect.name for effect in ordinary), gain)
                 break
             tried.append(other)
-            best = replace(other, result=other.result.with_ranked(self._beyond_alone(best.result.ranking, ordinary)))
+            # Over `none` at the levels of the search that is left; likelier than what this has found it is not.
+            remaining_alone += self._beyond_alone(best.result.ranking, ordinary)
+            most = max((cause.log_evidence for cause in other.result.ranking), default=0.0)
+            shift = best.log_evidence - other.log_evidence
+            remaining_alone = [replace(c, log_evidence=min(c.log_evidence + shift, most)) for c in remaining_alone]
+            best = other
+        best = replace(best, result=best.result.with_ranked(remaining_alone))
         most_of_none = max(search.log_evidence for search in tried)
         return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence, told_by_form)
 

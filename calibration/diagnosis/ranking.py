@@ -105,8 +105,7 @@ def rank_effects(
         # Where a nonlinear law leads, the basis sets of another one say little of what its curve explains.
         rival = law_leads and bool(effect.curves_at(inputs, 0))
         least = VERDICT.detection_threshold if rival else threshold
-        # Of what is anew at each visit basis sets by themselves say nothing, but of a reflector's.
-        if by_visit and effect.anew_by_visit and effect.place != "smr" and not explained:
+        if _may_be_anew(effect, by_visit=by_visit) and not explained:
             least = -math.inf
         if (log_evidence := _total_log_evidence(places)) <= least:
             unrefined = log_evidence > VERDICT.detection_threshold
@@ -127,9 +126,14 @@ def refit_cause(likelihood: MarginalLikelihood, inputs: EffectInputs, cause: Cau
     effect, by_visit = cause.effect, differs_by_visit(cause)
     names = [name for name in effect.places(inputs.machine) if name not in taken]
     places = _evidence_by_place(likelihood, inputs, effect, names)
-    if _total_log_evidence(places) > VERDICT.detection_threshold:
+    if _total_log_evidence(places) > VERDICT.detection_threshold or _may_be_anew(effect, by_visit=by_visit):
         places = _refine(likelihood, inputs, effect, places, by_visit=by_visit)
     return _cause(effect, places)
+
+
+def _may_be_anew(effect: Effect, *, by_visit: bool) -> bool:
+    """Whether there may be what its basis sets by themselves say nothing of. Those of a reflector do."""
+    return by_visit and bool(effect.anew_by_visit) and effect.place != "smr"
 
 
 def differs_by_visit(cause: Cause) -> bool:
@@ -150,7 +154,8 @@ def _at_several_places(likelihood: MarginalLikelihood, inputs: EffectInputs, cau
     while left := [name for name in names if name not in {cause.place, *(part.place for part in further)}]:
         if not (places := _evidence_by_place(given, inputs, effect, left)):
             break
-        if _total_log_evidence(places) > VERDICT.worth_refining:  # a curve may have what no column has
+        # A curve may have what no column has.
+        if _total_log_evidence(places) > VERDICT.worth_refining or _may_be_anew(effect, by_visit=by_visit):
             places = _refine(given, inputs, effect, places, by_visit=by_visit)
         part = _cause(effect, places)
         if part.log_evidence < max(VERDICT.detection_threshold, VERDICT.min_gain_share_same_part * log_evidence):
@@ -261,13 +266,16 @@ def _other_forms(effect: Effect, built: BasisSets, logs: Array) -> list[int]:
     what departs from it, the exact one explains less than some general function, or than a wave of another period. Of
     an effect that is anew at each visit, the form that may be so, which by itself explains next to nothing."""
 
-    def kind(number: int) -> tuple[str, float]:
+    def kind(number: int) -> tuple[str, float, int]:
         basis_set = built.sets[number]
-        return _form(built, basis_set), round(math.log(basis_set.parameters.get("period_m", 1.0)), PERIOD_DIGITS)
+        period = round(math.log(basis_set.parameters.get("period_m", 1.0)), PERIOD_DIGITS)
+        return _form(built, basis_set), period, len(basis_set.main)
 
     best, anew = int(np.argmax(logs)), effect.anew_by_visit
     of_anew = [k for k in range(len(logs)) if k != best and kind(k)[0] == anew] if anew else []
     seen, out = {kind(best), *map(kind, of_anew)}, list[int]()
+    if anew and not (effect.varies_with or effect.functions_vary_with):  # has no departures but these
+        return of_anew
     for number in np.argsort(-logs).tolist():
         if len(out) == OTHER_FORMS or logs[number] < OTHER_FORMS_SHARE * logs[best]:
             break
@@ -314,10 +322,11 @@ def _refine(
         return _PlaceEvidence(near.place, log_evidence, found.best, found.contributions, found.unexpected)
 
     def refine(place: _PlaceEvidence) -> _PlaceEvidence:
-        if place.log_evidence > threshold:
-            ways = [departing(near) for near in (with_curves(place), *place.others)]
+        if place.log_evidence > threshold:  # a form that is anew at each visit is nothing where it is the same
+            others = [near for near in place.others if is_anew(near) or near.form != (effect.anew_by_visit or None)]
+            ways = [departing(near) for near in (with_curves(place), *others)]
         else:
-            ways = [place, *(departing(near) for near in place.others if is_anew(near))]
+            ways = [place, *(departing(near) for near in (place, *place.others) if is_anew(near))]
         return max(ways, key=lambda way: way.log_evidence)
 
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)

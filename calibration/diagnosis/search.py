@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from calibration.diagnosis.anew_at_visits import told_from_other_channels
+from calibration.diagnosis.anew_at_visits import acting_elsewhere, without_anew
 from calibration.diagnosis.channel_responses import UNKNOWN_CHANNEL
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
@@ -80,17 +80,34 @@ def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects:
     found = _search(likelihood, inputs, effects, alone, by_visit=False)
     if not (something_is_left(found) or found.has_several_effects):
         return found
+    by_visit = _search_by_visit(likelihood, inputs, effects, alone, found)
+    if elsewhere := acting_elsewhere(likelihood, inputs, by_visit.causes, by_visit.ranking):
+        kept = [without_anew(effect) if effect.name in elsewhere else effect for effect in effects]
+        by_visit = _search_by_visit(likelihood, inputs, kept, alone, found)
+        if acting_elsewhere(likelihood, inputs, by_visit.causes, by_visit.ranking):
+            return found
+    return by_visit
+
+
+def _search_by_visit(
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    effects: Sequence[Effect],
+    alone: Sequence[Cause],
+    found: SearchResult,
+) -> SearchResult:
+    """What was found, or what explains more with effects that are another at each visit."""
     differing = [effect for effect in effects if effect.differs_by_visit]
     ranked = rank_effects(likelihood, inputs, differing, by_visit=True)
     if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < alone[0].log_evidence:
         return found
-    others = [cause for cause in alone if not cause.effect.differs_by_visit]
+    names = {effect.name for effect in differing}
+    others = [cause for cause in alone if cause.effect.name not in names]
     # Of what is the same at each visit it begins with the main cause only: with the others the search has begun.
     leaders = {cause.effect.name for cause in (*ranked, *found.causes[:1])}
     ranking = first_likely([*ranked, *others])
     by_visit = _search(likelihood, inputs, effects, ranking, by_visit=True, leaders=leaders)
-    told = told_from_other_channels(by_visit.causes, by_visit.ranking, by_visit.non_parametric_alone)
-    if by_visit.log_evidence <= found.log_evidence or not told:
+    if by_visit.log_evidence <= found.log_evidence:
         return found
     return replace(by_visit, not_begun_with=tuple(dict.fromkeys((*found.not_begun_with, *by_visit.not_begun_with))))
 
@@ -99,7 +116,7 @@ def include_effects(
     likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]
 ) -> MarginalLikelihood:
     """The marginal likelihood with some effects, whatever their evidence: each where it is likeliest, then the next."""
-    left = list(effects)
+    left = [without_anew(effect) for effect in effects]  # which says nothing of other visits
     while left and (ranked := rank_effects(likelihood, inputs, left, by_visit=True)):
         likelihood = include_cause(likelihood, ranked[0])
         left = [effect for effect in left if effect is not ranked[0].effect]

@@ -114,7 +114,8 @@ def _coordinates(
     out: list[tuple[Coordinate, str, Array, int]] = []
     for d, name in enumerate(machine.drive_names):
         kind: Coordinate = "own travel" if d in own else "other travel"
-        out.append((kind, f"travel.{name}", context.drives[:, d], OWN_TERMS if d in own else OTHER_TERMS))
+        terms = OTHER_TERMS if d not in own else OWN_TERMS if len(own) == 1 else CHANGING_TERMS
+        out.append((kind, f"travel.{name}", context.drives[:, d], terms))
     moved, timed = "history" not in context.not_said, "t_s" not in context.not_said
     if moved and "approach" in kinds:
         leg_m = context.drives - context.previous_drives

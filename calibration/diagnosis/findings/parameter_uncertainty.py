@@ -41,7 +41,11 @@ def parameter_uncertainty(
     evidence = evidence_of_basis_sets(
         likelihood.information_and_score(built.contributions), built.sets, low, effect.size.high
     )
-    entries = [entry for entry in evidence if parameter.name in entry.basis_set.parameters]
+    # Those of the same kind: beside one wave, two of them have another period and next to no more evidence.
+    best = cause.best.basis_set
+    count = best.relative[: len(best.columns)].count(1.0)  # without departures
+    of_kind = [entry for entry in evidence if len(entry.basis_set.main) == count]
+    entries = [entry for entry in of_kind if parameter.name in entry.basis_set.parameters]
     if not entries:
         return float(np.sqrt(mean_square_about(reported, np.array([reported]), np.ones(1), parameter)))
     logs = np.array([entry.log_evidence + np.log(entry.basis_set.weight) for entry in entries])

@@ -67,6 +67,20 @@ def test_what_another_channel_explains_as_well_is_not_in_its_play(quiet, monkeyp
     assert any(VISIT in cause.differs_with for cause in found.causes) is differs
 
 
+@pytest.mark.parametrize(("play_m", "sided_m"), [(4e-5, 1e-5), (4e-5, 3e-5)])
+def test_beside_another_effect_it_keeps_its_numbers_and_its_place(quiet, play_m, sided_m):
+    """Play of a drive, alone a weaker or a stronger one than that of the pin."""
+    context = quiet.linear.context
+    lies = np.random.default_rng(3).uniform(-play_m, play_m, int(context.arrival.max()) + 1)[context.arrival]
+    columns = [(("length.left_upper", lies), ("travel.right", -sided_m * context.direction[:, 1]))]
+    planted = quiet.on(replace(quiet.linear, residual=quiet.linear.residual + quiet.columns(columns)[:, :, 0]))
+    found = search_causes(planted, inputs_of_recording(planted, periodograms(planted)), load_catalogue().effects)
+    named = {(cause.effect.name, cause.place): cause for cause in found.causes}
+    assert {("joint_clearance", "left_upper"), ("backlash", "right")} <= set(named)
+    assert VISIT in named["joint_clearance", "left_upper"].differs_with
+    assert named["joint_clearance", "left_upper"].log_evidence > 100.0
+
+
 def test_it_is_looked_for_at_places_where_nothing_speaks_for_it(quiet):
     """Beside a pin of another joint that lies where its load has it, of which the form alone says much."""
     inputs, linear = inputs_of_recording(quiet, periodograms(quiet)), quiet.linear
@@ -105,6 +119,16 @@ def test_what_follows_from_when_or_where_is_no_chance(inputs, law, expected, col
     departures = [Departure(column, VISIT, int(visit)) for column in range(columns) for visit in visits]
     entry = SimpleNamespace(coefficients=np.concatenate([np.ones(columns), coefficients.ravel()]))
     assert departure_evidence._is_by_chance(entry, departures, inputs) is expected
+
+
+@pytest.mark.parametrize(("visits", "expected"), [(29, False), (30, True)])
+def test_of_few_visits_nothing_is_by_chance(visits, expected):
+    """The correlation of neighbours could not be large enough to be none."""
+    few = SimpleNamespace(context=SimpleNamespace(arrival=np.arange(visits), t_s=np.arange(visits) * 9.0))
+    few.context.drives = np.random.default_rng(1).normal(size=(visits, 2))
+    entry = SimpleNamespace(coefficients=np.r_[1.0, np.random.default_rng(2).normal(size=visits)])
+    departures = [Departure(0, VISIT, visit) for visit in range(visits)]
+    assert departure_evidence._is_by_chance(entry, departures, few) is expected
 
 
 def test_what_is_anew_at_each_visit_follows_no_coordinate(small, likelihood):

@@ -124,10 +124,21 @@ def test_departures_begin_from_the_likeliest_other_forms_and_periods(logs, other
     assert ranking._other_forms(effect, built, np.array(logs)) == others
 
 
-def test_departures_of_what_is_anew_at_each_visit_begin_from_the_form_that_is():
-    built = sets_of(("", 48, 0.0), ("step", 3, 0.0), ("step", 3, 0.0), ("loose", 3, 0.0), ("exchanges", 9, 0.0))
-    effect = CATALOGUE.effect("smr_reseat")
-    assert ranking._other_forms(effect, built, np.array([100.0, 5.0, 4.0, -3.0, 50.0])) == [3]
+@pytest.mark.parametrize(
+    ("name", "anew", "others"), [("smr_reseat", "loose", [3]), ("joint_clearance", "anywhere", [3, 4])]
+)
+def test_departures_of_what_is_anew_at_each_visit_begin_from_the_form_that_is(name, anew, others):
+    """From this one alone if its strength depends on nothing else."""
+    built = sets_of(("", 48, 0.0), ("step", 3, 0.0), ("step", 3, 0.0), (anew, 3, 0.0), ("exchanges", 3, 0.0))
+    effect = CATALOGUE.effect(name)
+    assert ranking._other_forms(effect, built, np.array([100.0, 5.0, 4.0, -3.0, 50.0])) == others
+
+
+def test_beside_waves_of_two_periods_each_may_depart_alone():
+    """Two waves are too many columns to depart from; the stronger one may have any form."""
+    built = sets_of(("sine", 4, 8.0e-3), ("sine", 2, 8.0e-3), ("sine", 2, 5.0e-3))
+    effect = CATALOGUE.effect("screw_periodic_error")
+    assert ranking._other_forms(effect, built, np.array([300.0, 280.0, 120.0])) == [1]
 
 
 @pytest.mark.parametrize(("gain_of_other", "log_evidence"), [(20.0, 101.0), (70.0, 130.0)])

@@ -40,6 +40,7 @@ def searched(
     monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, explained=0.0: next(steps[by_visit], []))
     differing = {cause.name for cause in by_visit or []}
     monkeypatch.setattr(search, "differs_by_visit", lambda cause: cause.name in differing)
+    monkeypatch.setattr(search, "acting_elsewhere", lambda *_: set())
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
     monkeypatch.setattr(search, "_refit_causes", refitted)
     monkeypatch.setattr(search, "rank_non_parametric", lambda likelihood, _: [Evidence("", left(likelihood))])
@@ -149,6 +150,7 @@ def search_with(
         lambda likelihood, _: [Evidence("", rests.get(likelihood, rest), channel=channel)],
     )
     monkeypatch.setattr(search, "differs_by_visit", lambda cause: cause.name == "backlash")
+    monkeypatch.setattr(search, "acting_elsewhere", lambda *_: set())
     return search.search_causes("none", INPUTS, [])
 
 

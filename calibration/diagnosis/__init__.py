@@ -2,6 +2,7 @@
 
 __all__ = [
     "alike_places",
+    "anew_at_visits",
     "any_change",
     "basis_set_evidence",
     "cause_size",

@@ -3,9 +3,9 @@
     python -m benchmarks.diagnosis_time [--n N] [--seed S]
 
 N cases of the mock in the proportions of the check on withheld data (24), each on a campaign of its own of 500 visits
-of which every one reads the platform's three reflectors: 1,500 readings. Processor time of one thread, reading of files
-not included. A table with the goals goes to standard output, every case to standard error; exit status 1 if a goal is
-missed.
+of which every one reads the platform's three reflectors: 1,500 readings, more where the effect needs others to be seen.
+Processor time of one thread, reading of files not included. A table with the goals goes to standard output, every case
+to standard error; exit status 1 if a goal is missed. It takes minutes, keeps nothing, and begins anew when stopped.
 """
 
 from __future__ import annotations
@@ -42,6 +42,8 @@ def main(arguments: list[str] | None = None) -> int:
     options = parser.parse_args(arguments)
     if options.n < 1:
         parser.error(f"--n is {options.n}; give the number of cases, 1 or more")
+    if options.seed < 0:
+        parser.error(f"--seed is {options.seed}; give 0 or more")
     measures = times([seconds_of(number, options.seed) for number in range(options.n)])
     print("\n".join(measure_lines([asdict(measure) for measure in measures])))
     return 0 if all(measure.ok is not False for measure in measures) else 1

@@ -185,6 +185,17 @@ def test_the_period_that_is_asked_for_is_that_of_the_error_itself(name, variant)
     assert fact(choice, drawn=drawn, raw=3.0, visible=3.0)["period_m"] == pytest.approx(strongest_m, rel=0.005)
 
 
+def test_of_an_effect_with_another_period_at_each_place_none_is_asked_for():
+    drawn = designs().one("rich", np.random.default_rng(2))
+    choices = [
+        EffectChoice("screw_periodic_error", 1e-6, place, "sine", (("period_m", period_m),))
+        for place, period_m in (("left", 0.01), ("right", 0.01), ("right", 0.02))
+    ]
+    alike = fact(choices[0], choices[1], drawn=drawn, raw=3.0, visible=3.0)
+    assert (alike["period_m"], alike["place"], alike["places"]) == (0.01, "", ["left", "right"])
+    assert "period_m" not in fact(choices[0], choices[2], drawn=drawn, raw=3.0, visible=3.0)
+
+
 def test_decoys_do_not_depend_on_what_was_compared_before(tmp_path):
     """A run that goes on after a stop begins with another recording, whose design may have fewer forms."""
     for style in ("poor", "rich"):

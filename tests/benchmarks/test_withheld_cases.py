@@ -12,7 +12,7 @@ import pytest
 from benchmarks.withheld.cases import DECLARED, DECOYS, FULL, INDEX_OF_AIR, PROFILES, STYLES, Slot, plan
 from benchmarks.withheld.designs import Drawn, with_visits
 from benchmarks.withheld.left_out_forms import FormComparison, decoys_among, shares_of_sets
-from benchmarks.withheld.making import PERIODIC, _as_declared, fact, make_case
+from benchmarks.withheld.making import PERIODIC, _as_declared, _at_places, fact, make_case
 from benchmarks.withheld.mimics import Mimics
 from calibration.diagnosis.basis_set_evidence import InformationAndScore
 from calibration.effects.api import BasisSets
@@ -183,6 +183,15 @@ def test_the_period_that_is_asked_for_is_that_of_the_error_itself(name, variant)
     waves = np.abs(np.fft.rfft(one.deviation(t_s=np.full(4096, one.t_s), q=q).travel_m[:, 0]))[1:]
     strongest_m = 64.0 * stated_m / (1 + np.flatnonzero(waves > 0.95 * waves.max())[0])
     assert fact(choice, drawn=drawn, raw=3.0, visible=3.0)["period_m"] == pytest.approx(strongest_m, rel=0.005)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_reflectors_never_move_alike(seed):
+    """Together they would be a platform that moves."""
+    slot = Slot("effect-s", "effect", ("smr_reseat",), (5.0,), several=True)
+    drawn = designs().one("rich", np.random.default_rng(2))
+    choices = _at_places(slot, "smr_reseat", drawn, np.random.default_rng(seed), final=False)
+    assert len(choices) == len({choice.place for choice in choices}) == len({choice.seed for choice in choices}) == 2
 
 
 def test_of_an_effect_with_another_period_at_each_place_none_is_asked_for():

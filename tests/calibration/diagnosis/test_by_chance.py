@@ -14,7 +14,7 @@ from calibration.diagnosis.basis_set_evidence import evidence_of_basis_sets
 from calibration.diagnosis.effect_inputs import inputs_of_readings, inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.diagnosis.ranking import rank_effects
+from calibration.diagnosis.ranking import include_cause, rank_effects, refit_cause
 from calibration.diagnosis.search import search_causes
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import BasisSet, Departure
@@ -79,6 +79,35 @@ def test_beside_another_effect_it_keeps_its_numbers_and_its_place(quiet, play_m,
     assert {("joint_clearance", "left_upper"), ("backlash", "right")} <= set(named)
     assert VISIT in named["joint_clearance", "left_upper"].differs_with
     assert named["joint_clearance", "left_upper"].log_evidence > 100.0
+
+
+def planted_pin(quiet, place, play_m, seed, *others):
+    visits = quiet.linear.context.arrival
+    lies = np.random.default_rng(seed).uniform(-play_m, play_m, int(visits.max()) + 1)[visits]
+    shift = quiet.columns([((f"length.{place}", lies), *others)])[:, :, 0]
+    planted = quiet.on(replace(quiet.linear, residual=quiet.linear.residual + shift))
+    return planted, inputs_of_recording(planted, periodograms(planted))
+
+
+def test_fitted_again_it_keeps_its_numbers(quiet):
+    """Of a weak one the basis sets by themselves say nothing."""
+    planted, inputs = planted_pin(quiet, "right_upper", 1.5e-5, 8)
+    (found,) = rank_effects(planted, inputs, [load_catalogue().effect("joint_clearance")], by_visit=True)
+    again = refit_cause(planted, inputs, found, ())
+    assert (found.differs_with, again.differs_with) == ((VISIT,), (VISIT,))
+    assert again.log_evidence > 50.0
+
+
+def test_what_other_causes_do_elsewhere_does_not_speak_against_it(quiet):
+    """Play of a drive that is stronger than that of the pin."""
+    sided = -3e-5 * quiet.linear.context.direction[:, 1]
+    planted, inputs = planted_pin(quiet, "left_upper", 2e-5, 3, ("travel.right", sided))
+    effects = [load_catalogue().effect(name) for name in ("backlash", "joint_clearance")]
+    (play,) = rank_effects(planted, inputs, effects[:1])
+    (pin,) = rank_effects(include_cause(planted, play), inputs, effects[1:], by_visit=True)
+    assert VISIT in pin.differs_with
+    ranking = rank_effects(planted, inputs, effects, by_visit=True)
+    assert anew_at_visits.acting_elsewhere(planted, inputs, (play, pin), ranking) == set()
 
 
 def test_it_is_looked_for_at_places_where_nothing_speaks_for_it(quiet):

@@ -64,7 +64,7 @@ def alike_at_all_places(
         *(each.number for each in sorted(found, key=lambda each: -each.evidence.log_evidence)[:LIKELIEST]),
         *sorted(joined.numbers, key=lambda k: -alone[k])[:LIKELIEST],
     }:
-        found += _spread_over_places(likelihood, built, number, low, effect.size.high)
+        found += _spread_over_places(likelihood, inputs, built, number, low, effect.size.high)
     # Sets that are left out here have their share of the prior at a single place too.
     every = max(1.0, sum(basis_set.weight for basis_set in built[0].sets)) * len(CORRELATIONS)
     logs = np.array([each.evidence.log_evidence + math.log(each.weight / every) for each in found])
@@ -132,18 +132,28 @@ def _joined(built: Sequence[BasisSets]) -> _Joined | None:
 
 
 def _spread_over_places(
-    likelihood: MarginalLikelihood, built: Sequence[BasisSets], number: int, low: float, high: float
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    built: Sequence[BasisSets],
+    number: int,
+    low: float,
+    high: float,
 ) -> list[_Spread]:
     """A basis set with coefficients of each place, by their correlation."""
     basis_set = built[0].sets[number]
-    own = [[at_place.contributions[c] for c in at_place.sets[number].columns] for at_place in built]
-    common = [tuple(part for column in alike for part in column) for alike in zip(*own, strict=True)]
-    columns = [*(column for at_place in own for column in at_place), *common]
-    at_places = basis_set.relative * len(own)
+    _, columns = inputs.once(("spread", id(built[0]), number), lambda: (built[0], _columns_at_places(built, number)))
+    at_places = basis_set.relative * len(built)
     sets, correlations = [], [correlation for correlation in CORRELATIONS if correlation < 1.0]
     for correlation in correlations:
         relative = [math.sqrt(1.0 - correlation) * r for r in at_places]
         relative += [math.sqrt(correlation) * r for r in basis_set.relative if correlation > 0.0]
         sets.append(replace(basis_set, columns=tuple(range(len(relative))), relative=tuple(relative), sign=0.0))
-    found = evidence_of_basis_sets(likelihood.information_and_score(columns), sets, low, high)
+    found = evidence_of_basis_sets(likelihood.kept_information_and_score(columns), sets, low, high)
     return [_Spread(number, basis_set.weight, *each) for each in zip(correlations, found, strict=True)]
+
+
+def _columns_at_places(built: Sequence[BasisSets], number: int) -> ColumnsByChannel:
+    """Columns of a basis set at each place, then each at all of them at once."""
+    own = [[at_place.contributions[c] for c in at_place.sets[number].columns] for at_place in built]
+    common = [tuple(part for column in alike for part in column) for alike in zip(*own, strict=True)]
+    return ColumnsByChannel.of([*(column for at_place in own for column in at_place), *common])

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.detectable_effects import NO_INSTRUMENT, detectable_effects
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.effect_summary import equivalent_effects, summarise_effect
@@ -30,10 +31,11 @@ from calibration.diagnosis.linear_model import LinearModel, linearise_again, lin
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.non_parametric import LEFT_SIGMA, log_evidence_at_platform
 from calibration.diagnosis.periodogram import Periodogram
-from calibration.diagnosis.ranking import Cause, include_cause
+from calibration.diagnosis.ranking import Cause, differs_by_visit, include_cause
 from calibration.diagnosis.reading_weights import judge_beside_causes
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
-from calibration.diagnosis.search import NO_INSTRUMENT, SearchResult, detectable_effects, include_effects
+from calibration.diagnosis.search import SearchResult, include_effects
+from calibration.diagnosis.search_budget import BY_VISIT, SearchBudget
 from calibration.diagnosis.twin.folder_twin import FolderTwin, score_folder_twin, twin_of_folder
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
@@ -134,10 +136,12 @@ class _DiagnosisWithModels:
 
 def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | None) -> _DiagnosisWithModels:
     catalogue, stated = catalogue or load_catalogue(), linear.levels
-    searched = _search(linear, catalogue)
+    searched = _search(linear, catalogue, SearchBudget())
     if isinstance(linear, LinearModel):
         judged = judge_beside_causes(searched.found.result.likelihoods[-1], linear.weight)
-        searched = searched if judged is None else _search(linearise_again(linear, judged), catalogue)
+        if judged is not None:
+            again = SearchBudget(found=_begins_of(searched.found.result.causes))
+            searched = _search(linearise_again(linear, judged), catalogue, again)
     inputs, by_drive, not_tested, found = searched.inputs, searched.by_drive, searched.not_tested, searched.found
     likelihood, search_result = found.likelihood, found.result
     linear = likelihood.linear
@@ -208,12 +212,18 @@ class _Searched:
     found: LevelsAndCauses
 
 
-def _search(linear: LinearisedReadings, catalogue: Catalogue) -> _Searched:
+def _begins_of(causes: Sequence[Cause]) -> set[str]:
+    """What searches that found some causes began with."""
+    names = {cause.effect.name for cause in causes}
+    return names | ({BY_VISIT} if any(differs_by_visit(cause) for cause in causes) else set())
+
+
+def _search(linear: LinearisedReadings, catalogue: Catalogue, budget: SearchBudget) -> _Searched:
     likelihood = MarginalLikelihood.of(linear)
     by_drive = periodograms(likelihood)
     inputs = inputs_of_recording(likelihood, by_drive)
     effects, not_tested = detectable_effects(inputs, catalogue)
-    found = SearchOfLevelsAndCauses(likelihood, inputs, effects).most_likely()
+    found = SearchOfLevelsAndCauses(likelihood, inputs, effects, budget).most_likely()
     return _Searched(inputs, by_drive, not_tested, found)
 
 

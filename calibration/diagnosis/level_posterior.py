@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from numpy.typing import NDArray
+from scipy.linalg import cho_factor, cho_solve, lapack
 from scipy.optimize import minimize
 
 from calibration.base.arrays import Array
@@ -50,6 +52,8 @@ class LevelPosterior:
         self._stated_share = np.concatenate([_share_of_stated_drift(linear), np.zeros(fixed)])
         flat, y = columns.reshape(-1, columns.shape[2]), linear.residual.ravel()
         self._gram, self._along, self._square, self._count = flat.T @ flat, flat.T @ y, float(y @ y), len(y)
+        self._with_level = np.any(self._of_key, axis=0)
+        self._of_rest: dict[float, _WithoutRest] = {}
 
     def log_density(self, x: Array) -> float:
         """Up to a constant."""
@@ -101,26 +105,76 @@ class LevelPosterior:
         return scale
 
     def _density(self, x: Array) -> tuple[float, Array]:
-        # C = v (1 + L S^2 L' / v): everything by M = 1 + S G S / v with G = L' L.
-        scale, variance = self.scales(x), math.exp(2.0 * x[-1])
-        gram = scale[:, None] * self._gram * scale
-        factor = cho_factor(np.eye(len(scale)) + gram / variance, lower=True)
-        along = scale * self._along
-        weighted = cho_solve(factor, along) / variance
-        square = (self._square - float(along @ weighted)) / variance
-        determinant = self._count * math.log(variance) + 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
+        # C = v (1 + L S^2 L' / v): everything by M = 1 + S G S / v with G = L' L; S L' C^-1 y is M^-1 S L' y / v.
+        variance = math.exp(2.0 * x[-1])
+        if variance not in self._of_rest:
+            self._of_rest[variance] = _WithoutRest.of(self._gram, self._along, self._with_level, variance)
+        rest, scale = self._of_rest[variance], self.scales(x)[self._with_level]
+        along = scale * rest.along
+        factor = cho_factor(np.eye(len(scale)) + scale[:, None] * rest.gram * scale / variance, lower=True)
+        inverse = cho_solve(factor, np.eye(len(scale)), overwrite_b=True)
+        score = inverse @ along / variance
+        square = (self._square - rest.square - float(along @ score)) / variance
+        determinant = self._count * math.log(variance) + rest.log_determinant
+        determinant += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         value = -0.5 * (square + determinant) - 0.5 * float(np.sum((x / self.prior) ** 2))
         # d/dx = 1/2 r' dC r - 1/2 tr(C^-1 dC) with r = C^-1 y.
-        inverse = np.diag(cho_solve(factor, np.eye(len(scale)), overwrite_b=True))
-        score = (along - gram @ weighted) / variance
-        by_column = 0.5 * (score**2 - (1.0 - inverse))  # the information S L' C^-1 L S is 1 - M^-1
+        by_column = 0.5 * (score**2 - (1.0 - np.diag(inverse)))  # the information S L' C^-1 L S is 1 - M^-1
         slope = np.empty(len(x))
-        for k, (columns, level) in enumerate(zip(self._of_key, np.exp(x[:-1]), strict=True)):
-            moving = 2.0 * (1.0 - self._stated_share[columns]) * level**2 / scale[columns] ** 2
+        for k, (every, level) in enumerate(zip(self._of_key, np.exp(x[:-1]), strict=True)):
+            columns, stated = every[self._with_level], self._stated_share[every]
+            moving = 2.0 * (1.0 - stated) * level**2 / scale[columns] ** 2
             slope[k] = float(by_column[columns] @ moving)
-        residual = (self._square - 2.0 * float(along @ weighted) + float(weighted @ gram @ weighted)) / variance
-        slope[-1] = residual - (self._count - len(scale) + float(np.sum(inverse)))
+        of_rest = scale[:, None] * rest.squares * scale / variance**2
+        scores = float(score @ score) + rest.square_of_score(scale * score)
+        trace = float(np.trace(inverse)) + rest.trace + float(np.sum(inverse * of_rest))
+        slope[-1] = square - scores - (self._count - len(self._along) + trace)
         return value, slope - x / self.prior**2
+
+
+@dataclass(frozen=True)
+class _WithoutRest:
+    """Products of the columns (l) that have a level, once all others (f) are eliminated, which have none: with those G,
+    a and v as in `LevelPosterior`, A = 1 + G_ff / v and U = A^-1 G_fl.
+
+    gram (l, l), along (l,): without what the others explain. square, log_determinant, trace: a_f' A^-1 a_f / v,
+    log |A|, tr A^-1. squares (l, l), products (l,), square_of_along: U' U, U' A^-1 a_f, |A^-1 a_f|^2.
+    """
+
+    variance: float
+    gram: Array
+    along: Array
+    square: float
+    log_determinant: float
+    trace: float
+    squares: Array
+    products: Array
+    square_of_along: float
+
+    @classmethod
+    def of(cls, gram: Array, along: Array, with_level: NDArray[np.bool_], variance: float) -> _WithoutRest:
+        """Of the products of all columns."""
+        rest = ~with_level
+        across = gram[np.ix_(rest, with_level)]
+        lower = np.linalg.cholesky(np.eye(int(rest.sum())) + gram[np.ix_(rest, rest)] / variance)
+        solved = cho_solve((lower, True), np.column_stack([across, along[rest]]))
+        by_rest, of_along = solved[:, :-1], solved[:, -1]
+        return cls(
+            variance,
+            gram[np.ix_(with_level, with_level)] - across.T @ by_rest / variance,
+            along[with_level] - across.T @ of_along / variance,
+            float(along[rest] @ of_along) / variance,
+            2.0 * float(np.sum(np.log(np.diag(lower)))),
+            float(np.sum(lapack.dtrtri(lower, lower=1)[0] ** 2)),
+            by_rest.T @ by_rest,
+            by_rest.T @ of_along,
+            float(of_along @ of_along),
+        )
+
+    def square_of_score(self, coefficients: Array) -> float:
+        """Sum of squares of the others' scores, from those of the columns with a level, times their scale."""
+        linear, square = float(self.products @ coefficients), float(coefficients @ self.squares @ coefficients)
+        return (self.square_of_along - 2.0 * linear + square) / self.variance**2
 
 
 def scaled_levels(levels: DisturbanceLevels, factors: Mapping[str, float]) -> DisturbanceLevels:

@@ -18,6 +18,7 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, LevelPosterior, scaled_levels
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.search import SearchResult, search_causes, something_is_left
+from calibration.diagnosis.search_budget import SearchBudget
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import MIN_RATIO_TO_DECLARED, Effect, EffectInputs
 from calibration.recording.header import DisturbanceLevels
@@ -69,20 +70,28 @@ class ToldByForm:
 class LevelsAndCauses:
     """The most likely explanation, and the log evidence that `none` has at other levels over that at these.
 
-    told_by_form: None where no effect was kept for its form alone.
+    told_by_form: None where no effect was kept for its form alone. left_out: what no search began with, to save time.
     """
 
     likelihood: MarginalLikelihood
     result: SearchResult
     none_elsewhere: float
     told_by_form: ToldByForm | None = None
+    left_out: tuple[str, ...] = ()
 
 
 class SearchOfLevelsAndCauses:
     """The search on one recording; inputs: of the effects, at the declared levels."""
 
-    def __init__(self, likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> None:
+    def __init__(
+        self,
+        likelihood: MarginalLikelihood,
+        inputs: EffectInputs,
+        effects: Sequence[Effect],
+        budget: SearchBudget | None = None,
+    ) -> None:
         self._likelihood, self._inputs, self._effects = likelihood, inputs, tuple(effects)
+        self._budget = budget or SearchBudget()
         self._without_causes = LevelPosterior(likelihood.linear)
 
     def most_likely(self) -> LevelsAndCauses:
@@ -119,7 +128,8 @@ class SearchOfLevelsAndCauses:
             best = other
         best = replace(best, result=best.result.with_ranked(remaining_alone))
         most_of_none = max(search.log_evidence for search in tried)
-        return LevelsAndCauses(best.likelihood, best.result, most_of_none - best.log_evidence, told_by_form)
+        none_elsewhere, left_out = most_of_none - best.log_evidence, tuple(self._budget.left_out)
+        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out)
 
     def _search(self, levels: Array, effects: Sequence[Effect]) -> SearchAtLevels:
         likelihood = self._likelihood
@@ -128,7 +138,7 @@ class SearchOfLevelsAndCauses:
             linear = likelihood.linear
             rig = scaled_levels(linear.levels, posterior.levels(levels))
             likelihood = likelihood.on(linear.with_levels(rig, posterior.scales(levels)))
-        result = search_causes(likelihood, self._inputs, effects)
+        result = search_causes(likelihood, self._inputs, effects, self._budget)
         return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))
 
     def _posterior_with(self, causes: Sequence[Cause]) -> LevelPosterior:

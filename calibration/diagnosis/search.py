@@ -6,7 +6,6 @@ from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 from calibration.diagnosis.anew_at_visits import acting_elsewhere, without_anew
-from calibration.diagnosis.channel_responses import UNKNOWN_CHANNEL
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
 from calibration.diagnosis.ranking import (
@@ -17,20 +16,12 @@ from calibration.diagnosis.ranking import (
     rank_effects,
     refit_cause,
 )
+from calibration.diagnosis.search_budget import BY_VISIT, SearchBudget
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
-from calibration.effects.catalogue import Catalogue
-from calibration.effects.partial_context import NotRecorded, PartialContext
 
+STEPS_BY_VISIT = 2  # of a search with numbers for the visits, that are expected
 SHARE_OF_UNKNOWN = 0.5  # of the excess at which an effect is unknown, from which on something is left
-NO_INSTRUMENT = "no station measured reflectors; nothing that was read responds to it"
-
-
-def detectable_effects(inputs: EffectInputs, catalogue: Catalogue) -> tuple[list[Effect], dict[str, str]]:
-    """The effects that the campaign can show; for the others, by name, the reason why not."""
-    reasons = {effect.name: _why_untested(inputs, effect) for effect in catalogue.effects}
-    detectable = [effect for effect in catalogue.effects if reasons[effect.name] is None]
-    return detectable, {name: reason for name, reason in reasons.items() if reason is not None}
 
 
 @dataclass(frozen=True)
@@ -70,22 +61,30 @@ class SearchResult:
         return departure_gain(self.causes)
 
 
-def search_causes(likelihood: MarginalLikelihood, inputs: EffectInputs, effects: Sequence[Effect]) -> SearchResult:
+def search_causes(
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    effects: Sequence[Effect],
+    budget: SearchBudget | None = None,
+) -> SearchResult:
     """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives.
 
     What is another at each visit explains much that is not its own. It is looked for only where something is left that
-    no effect explains otherwise, or several do only together.
+    no effect explains otherwise, or several do only together. budget: of all searches in the same readings.
     """
+    budget = budget or SearchBudget()
     alone = rank_effects(likelihood, inputs, effects)
-    found = _search(likelihood, inputs, effects, alone, by_visit=False)
-    if not (something_is_left(found) or found.has_several_effects):
+    found = _search(likelihood, inputs, effects, alone, budget, by_visit=False)
+    if not (something_is_left(found) or found.has_several_effects) or budget.is_in_vain(BY_VISIT):
         return found
-    by_visit = _search_by_visit(likelihood, inputs, effects, alone, found)
+    by_visit = _search_by_visit(likelihood, inputs, effects, alone, found, budget)
     if elsewhere := acting_elsewhere(likelihood, inputs, by_visit.causes, by_visit.ranking):
         kept = [without_anew(effect) if effect.name in elsewhere else effect for effect in effects]
-        by_visit = _search_by_visit(likelihood, inputs, kept, alone, found)
+        by_visit = _search_by_visit(likelihood, inputs, kept, alone, found, budget)
         if acting_elsewhere(likelihood, inputs, by_visit.causes, by_visit.ranking):
-            return found
+            by_visit = found
+    if by_visit is found:
+        budget.was_in_vain(BY_VISIT)
     return by_visit
 
 
@@ -95,18 +94,21 @@ def _search_by_visit(
     effects: Sequence[Effect],
     alone: Sequence[Cause],
     found: SearchResult,
+    budget: SearchBudget,
 ) -> SearchResult:
     """What was found, or what explains more with effects that are another at each visit."""
     differing = [effect for effect in effects if effect.differs_by_visit]
     ranked = rank_effects(likelihood, inputs, differing, by_visit=True)
     if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < alone[0].log_evidence:
         return found
+    if not budget.allows(BY_VISIT, STEPS_BY_VISIT * budget.work(len(inputs.context), _columns(ranked[0]))):
+        return found
     names = {effect.name for effect in differing}
     others = [cause for cause in alone if cause.effect.name not in names]
     # Of what is the same at each visit it begins with the main cause only: with the others the search has begun.
     leaders = {cause.effect.name for cause in (*ranked, *found.causes[:1])}
     ranking = first_likely([*ranked, *others])
-    by_visit = _search(likelihood, inputs, effects, ranking, by_visit=True, leaders=leaders)
+    by_visit = _search(likelihood, inputs, effects, ranking, budget, by_visit=True, leaders=leaders)
     if by_visit.log_evidence <= found.log_evidence:
         return found
     return replace(by_visit, not_begun_with=tuple(dict.fromkeys((*found.not_begun_with, *by_visit.not_begun_with))))
@@ -166,6 +168,7 @@ def _search(
     inputs: EffectInputs,
     effects: Sequence[Effect],
     ranking: Sequence[Cause],
+    budget: SearchBudget,
     *,
     by_visit: bool,
     leaders: Collection[str] | None = None,
@@ -176,7 +179,9 @@ def _search(
     most together. Where one cause is not enough, or leaves so much that `unknown` comes into question, the search also
     begins with the next in the ranking and with each cause that was found later.
     """
-    found = best = _include_from(likelihood, inputs, effects, ranking, by_visit=by_visit)
+    before = budget.spent
+    found = best = _include_from(likelihood, inputs, effects, ranking, budget, by_visit=by_visit)
+    work = budget.spent - before
     not_begun_with: list[str] = []
     if len(found.causes) > 1 or (found.causes and _is_much(found.left_over, found.log_evidence)):
         later = {cause.effect.name for cause in found.causes[1:]}
@@ -187,7 +192,9 @@ def _search(
             if place > VERDICT.leaders and leader.effect.name not in later:
                 not_begun_with.append(leader.effect.name)
                 continue
-            other = _include_from(likelihood, inputs, effects, [leader], by_visit=by_visit)
+            if not budget.allows(leader.effect.name, work):
+                continue
+            other = _include_from(likelihood, inputs, effects, [leader], budget, by_visit=by_visit)
             if other.log_evidence > best.log_evidence:
                 best = other
         ranking = _with_main_cause_first(ranking, best, best.log_evidence - found.log_evidence)
@@ -231,12 +238,13 @@ def _include_from(
     inputs: EffectInputs,
     effects: Sequence[Effect],
     ranked: Sequence[Cause],
+    budget: SearchBudget,
     *,
     by_visit: bool,
 ) -> _Explanation:
     """The first of a ranking, then always the strongest given those before, as long as each adds enough."""
     found = _Explanation((), (likelihood,))
-    while ranked and len(found.causes) < VERDICT.max_causes:
+    while ranked:
         gain, log_evidence = ranked[0].log_evidence, found.log_evidence
         same_part = any(_same_part_of_machine(inputs, ranked[0], cause) for cause in found.causes)
         share = VERDICT.min_gain_share_same_part if same_part else VERDICT.min_gain_share
@@ -251,15 +259,30 @@ def _include_from(
             of_fewer = max(of_fewer, _with_one_more(found.log_evidence, instead.log_evidence, same_part=same_part))
         else:
             log_evidence = gain
+        budget.spent += budget.work(len(inputs.context), _columns(ranked[0]))
         given = include_cause(found.likelihoods[-1], ranked[0])
         non_parametric = rank_non_parametric(given, inputs)
         found = _Explanation(
             (*found.causes, ranked[0]), (*found.likelihoods, given), log_evidence, tuple(non_parametric), of_fewer
         )
-        if non_parametric[0].log_evidence < VERDICT.residual_search_threshold:
+        nothing_left = non_parametric[0].log_evidence < VERDICT.residual_search_threshold
+        if nothing_left or len(found.causes) == VERDICT.max_causes:
             break
+        by_visit = by_visit and _has_room_for_visits(inputs, found.causes)
         ranked = rank_effects(given, inputs, effects, by_visit=by_visit, explained=log_evidence)
     return found
+
+
+def _has_room_for_visits(inputs: EffectInputs, causes: Sequence[Cause]) -> bool:
+    """Whether numbers for the visits of one cause more leave most of what was read to be explained: of campaigns that
+    read one reflector at each visit, three such causes would have a number for every coordinate."""
+    numbers = sum(len(part.contributions) for cause in causes for part in cause.parts if differs_by_visit(part))
+    visits = int(inputs.context.arrival.max()) + 1
+    return not numbers or numbers + visits <= len(inputs.context)
+
+
+def _columns(cause: Cause) -> int:
+    return sum(len(part.contributions) for part in cause.parts)
 
 
 def _with_one_more(log_evidence: float, gain: float, *, same_part: bool) -> float:
@@ -316,52 +339,3 @@ def _refit_causes(
     for cause in refitted:
         likelihoods.append(include_cause(likelihoods[-1], cause))
     return refitted, likelihoods
-
-
-def _why_untested(inputs: EffectInputs, effect: Effect) -> str | None:
-    """Why the readings cannot show an effect; None if they can."""
-    not_said = inputs.context.not_said
-    if not not_said:
-        return effect.untested(inputs)
-    if _acts_on_instrument_only(inputs, effect):
-        return NO_INSTRUMENT
-    try:
-        if "t_s" in not_said:
-            _build(effect, _without(inputs, ("t_s",)))
-        return effect.untested(_without(inputs, inputs.context.missing))
-    except NotRecorded as error:
-        return str(error)
-
-
-def _without(inputs: EffectInputs, names: Collection[str]) -> EffectInputs:
-    """The inputs without some fields of the context that the readings do not say."""
-
-    def onsets(_channels: Sequence[str]) -> Sequence[tuple[float, float]]:
-        raise NotRecorded(inputs.context.not_said["t_s"])
-
-    return replace(
-        inputs,
-        context=PartialContext.of(inputs.context, names),
-        onsets=onsets if "t_s" in names else inputs.onsets,
-    )
-
-
-def _build(effect: Effect, inputs: EffectInputs) -> None:
-    """Build all basis sets of an effect and its curves: it may then ask for what is not there."""
-    for place in range(len(effect.places(inputs.machine))):
-        effect.forms(inputs, place)
-        for curve in effect.curves(inputs, place):
-            curve.tangent(curve.starts[0])
-
-
-def _acts_on_instrument_only(inputs: EffectInputs, effect: Effect) -> bool:
-    """Whether nothing that was read responds to any channel of an effect: it acts on a station or on reflectors."""
-    if any(channel.startswith("station.") for channel in inputs.channels):
-        return False
-    if effect.place == "smr":
-        return True
-    if not effect.places(inputs.machine):
-        return False
-    acting = {channel for column in effect.forms(inputs, 0).contributions for channel, _ in column}
-    known = {*inputs.channels}
-    return bool(acting) and not any(c in known or c.startswith(UNKNOWN_CHANNEL) for c in acting)

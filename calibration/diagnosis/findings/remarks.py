@@ -34,7 +34,7 @@ def remarks(
         *_stronger_disturbances(stated, here),
         *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
-        *_cut_for_time(search_result),
+        *_cut_for_time(found),
     )
 
 
@@ -153,8 +153,9 @@ def _named(cause: Cause) -> str:
     return f"{cause.effect.name} at {cause.place}" if cause.place else cause.effect.name
 
 
-def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:
+def _cut_for_time(found: LevelsAndCauses) -> tuple[str, ...]:
     """What the search did not try, to save time, in one line; nothing where it tried all."""
+    search_result = found.result
     cut, included = [], {cause.effect.name for cause in search_result.causes}
     # What was included is refined beside the other causes.
     ranked = [cause.effect.name for cause in search_result.ranking if cause.unrefined]
@@ -165,6 +166,8 @@ def _cut_for_time(search_result: SearchResult) -> tuple[str, ...]:
         )
     if names := [name for name in search_result.not_begun_with if name not in included]:
         cut.append(f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did")
+    if names := [name for name in found.left_out if name not in included]:
+        cut.append(f"no search began with {_listed(names)}: the others had taken long enough")
     if len(included) >= VERDICT.max_causes:
         cut.append(f"no more than {VERDICT.max_causes} causes were looked for")
     return (f"to save time {'; '.join(cut)}",) if cut else ()

@@ -13,7 +13,17 @@ from tests.calibration.diagnosis.campaigns import PLANAR
 
 CATALOGUE = load_catalogue()
 MACHINE = load_machine(PLANAR)
-INPUTS = SimpleNamespace(machine=MACHINE, once=lambda _, make: make())
+
+
+class _Context(SimpleNamespace):
+    """Readings of which only the visits matter."""
+
+    def __len__(self) -> int:
+        return len(self.arrival)
+
+
+CONTEXT = _Context(arrival=np.repeat(np.arange(400), 3))
+INPUTS = SimpleNamespace(machine=MACHINE, once=lambda _, make: make(), context=CONTEXT)
 
 
 @dataclass(frozen=True)

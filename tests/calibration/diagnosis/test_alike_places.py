@@ -108,7 +108,7 @@ def test_own_coefficients_are_tried_of_what_explains_most_in_common_or_at_each_p
     monkeypatch.setattr(
         alike_places,
         "_spread_over_places",
-        lambda of, built, number, *rest: tried.append(number) or real(of, built, number, *rest),
+        lambda of, its, built, number, *rest: tried.append(number) or real(of, its, built, number, *rest),
     )
     count = len(GROWTH.basis_sets(inputs, 0).sets)
     at_each = [np.eye(count)[1]] * 4

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 from calibration.base.errors import InputError
+from calibration.diagnosis.detectable_effects import detectable_effects
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.withheld_blocks import gap_field, region_of_readings, regions, withheld_differences
 from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
-from calibration.diagnosis.search import detectable_effects
 from calibration.effects.catalogue import load_catalogue
 from calibration.recording.measurement_folder import MeasuredMachine
 from tests.calibration.diagnosis.measured import SD, Wanted, made

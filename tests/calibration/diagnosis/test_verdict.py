@@ -15,6 +15,7 @@ from calibration.diagnosis.findings.remarks import _cut_for_time, _of_verdict, r
 from calibration.diagnosis.levels_and_causes import LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.search_budget import BY_VISIT
 from calibration.diagnosis.verdict import presence_probability, probabilities
 from calibration.model.payload import PayloadEntry
 from calibration.recording.header import DisturbanceLevels
@@ -308,17 +309,16 @@ def test_a_departure_with_more_than_three_coordinates_is_one_with_all_that_varie
     assert "with all that varies (departures add 200" in remark
 
 
-def cut_of(*, unrefined=(), not_begun_with=(), causes=("latency",)) -> tuple[str, ...]:
+def cut_of(*, unrefined=(), not_begun_with=(), causes=("latency",), left_out=()) -> tuple[str, ...]:
     """The remark on a search in whose ranking these effects were cut."""
     ranked = {
         name: SimpleNamespace(effect=CATALOGUE.effect(name), unrefined=name in unrefined)
         for name in ("latency", "joint_clearance", "refraction", "payload")
     }
-    return _cut_for_time(
-        SimpleNamespace(
-            ranking=tuple(ranked.values()), causes=[ranked[name] for name in causes], not_begun_with=not_begun_with
-        )
+    result = SimpleNamespace(
+        ranking=tuple(ranked.values()), causes=[ranked[name] for name in causes], not_begun_with=not_begun_with
     )
+    return _cut_for_time(LevelsAndCauses(None, result, 0.0, left_out=left_out))
 
 
 @pytest.mark.parametrize(
@@ -331,6 +331,10 @@ def cut_of(*, unrefined=(), not_begun_with=(), causes=("latency",)) -> tuple[str
         ({"not_begun_with": ("payload",)}, "no search for several causes began with payload: 3 stronger ones did"),
         ({"not_begun_with": ("a", "b", "c", "d")}, "began with a, b, c and d: 3 stronger"),
         ({"not_begun_with": ("a", "b", "c", "d", "e")}, "began with a, b, c and 2 more: 3 stronger"),
+        (
+            {"left_out": ("payload", BY_VISIT)},
+            "began with payload and effects that are another at each visit: the",
+        ),
         ({"causes": ("latency", "latency", "refraction", "payload")}, "no more than 3 causes were looked for"),
     ],
 )
@@ -342,5 +346,5 @@ def test_what_is_not_tried_to_save_time_is_said_with_its_name(cut, said):
 
 def test_what_is_not_tried_is_one_remark_and_none_where_all_was_tried():
     assert len(cut_of(unrefined=("payload",), not_begun_with=("refraction",))) == 1
-    assert cut_of(causes=("latency", "latency", "refraction")) == ()
+    assert cut_of(causes=("latency", "latency", "refraction"), left_out=("latency",)) == ()
     assert cut_of(unrefined=("latency",), not_begun_with=("latency",)) == ()  # refined beside the other causes

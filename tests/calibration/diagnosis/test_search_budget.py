@@ -1,0 +1,124 @@
+"""What a search does not begin with once there has been work enough, and that it is said."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis import search
+from calibration.diagnosis.diagnose import _begins_of
+from calibration.diagnosis.search_budget import BY_VISIT, SearchBudget
+from calibration.effects.departures import VISIT
+from tests.calibration.diagnosis.hand_made import INPUTS, Evidence
+
+READINGS = len(INPUTS.context)
+STEP = READINGS * 201.0  # of one column
+GIVEN = {
+    "none": {"refraction": 1000.0, "latency": 900.0, "payload": 850.0},
+    "none+refraction": {"tracker_drift": 100.0},
+    "none+latency": {"smr_reseat": 300.0},
+    "none+payload": {"smr_reseat": 400.0},
+    "by visit": {"backlash": 2000.0},
+}
+
+
+class NumbersForVisits(Evidence):
+    """A cause with a number for each of 400 visits."""
+
+    @property
+    def contributions(self):
+        return super().contributions * 400
+
+
+@pytest.fixture
+def search_with(monkeypatch):
+    """A search in which the effects and alternatives have the given evidence."""
+
+    def ranked(likelihood, *_, by_visit=False, explained=0.0):
+        differing = by_visit and likelihood == "none"
+        kind = NumbersForVisits if differing else Evidence
+        found = GIVEN.get("by visit" if differing else likelihood, {})
+        return sorted((kind(name, log, "") for name, log in found.items()), key=lambda c: -c.log_evidence)
+
+    monkeypatch.setattr(search, "rank_effects", ranked)
+    monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
+    monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
+    monkeypatch.setattr(search, "rank_non_parametric", lambda *_: [Evidence("", 50.0)])
+    monkeypatch.setattr(search, "differs_by_visit", lambda cause: cause.name == "backlash")
+    monkeypatch.setattr(search, "acting_elsewhere", lambda *_: set())
+    return lambda budget: search.search_causes("none", INPUTS, [], budget)
+
+
+def names(result) -> list[str]:
+    return [cause.name for cause in result.causes]
+
+
+def test_with_work_left_every_search_is_made(search_with):
+    budget = SearchBudget(limit=1e9)
+    assert names(search_with(budget)) == ["backlash"]
+    assert budget.left_out == {}
+    assert budget.spent == 6 * STEP + READINGS * 600.0  # two causes with each of three leaders; that by visit
+
+
+@pytest.mark.parametrize(
+    ("steps", "causes", "left_out"),
+    [
+        (5.9, ["refraction", "tracker_drift"], ["latency", "payload", BY_VISIT]),  # the first search is made
+        (6.1, ["latency", "smr_reseat"], ["payload", BY_VISIT]),  # two steps more are two thirds of it
+        (7.9, ["latency", "smr_reseat"], ["payload", BY_VISIT]),
+        (8.9, ["latency", "smr_reseat"], ["payload", BY_VISIT]),
+        (9.1, ["payload", "smr_reseat"], [BY_VISIT]),
+        (11.9, ["payload", "smr_reseat"], [BY_VISIT]),
+        (12.0, ["backlash"], []),  # two steps of 400 numbers
+    ],
+)
+def test_no_further_search_begins_that_would_be_too_much_work(search_with, steps, causes, left_out):
+    budget = SearchBudget(limit=steps * STEP)
+    assert names(search_with(budget)) == causes
+    assert list(budget.left_out) == left_out
+
+
+def test_what_found_something_before_is_searched_for_again_in_any_case(search_with):
+    budget = SearchBudget(found={"payload", "smr_reseat"}, limit=STEP)
+    assert names(search_with(budget)) == ["payload", "smr_reseat"]
+    assert list(budget.left_out) == ["latency", BY_VISIT]
+
+
+def test_a_search_with_other_weights_of_readings_begins_with_what_was_found():
+    def cause(name: str, *coordinates: str) -> SimpleNamespace:
+        return SimpleNamespace(effect=SimpleNamespace(name=name), differs_with=coordinates)
+
+    assert _begins_of([cause("backlash", "time"), cause("payload")]) == {"backlash", "payload"}
+    assert _begins_of([cause("backlash"), cause("joint_clearance", VISIT)]) == {"backlash", "joint_clearance", BY_VISIT}
+
+
+def test_what_differs_by_visit_is_not_searched_for_again_where_it_was_in_vain(search_with, monkeypatch):
+    budget = SearchBudget(limit=1e9)
+    monkeypatch.setattr(search, "acting_elsewhere", lambda *_: {"backlash"})  # it may as well act elsewhere
+    assert names(search_with(budget)) == ["payload", "smr_reseat"]
+    spent = budget.spent
+    assert names(search_with(budget)) == ["payload", "smr_reseat"]
+    assert budget.spent - spent == 6 * STEP
+    assert budget.left_out == {}  # it was made, in vain
+
+
+def test_a_step_of_more_columns_and_more_readings_is_more_work():
+    assert SearchBudget.work(200, 610) / SearchBudget.work(100, 10) == pytest.approx(2 * 810 / 210)
+
+
+@pytest.mark.parametrize(("readings", "room"), [(720, False), (800, True)])
+def test_numbers_for_the_visits_of_another_cause_leave_most_coordinates_to_be_explained(monkeypatch, readings, room):
+    """Of 400 visits, each of the causes has a number for each."""
+
+    class Context(SimpleNamespace):
+        def __len__(self):
+            return readings
+
+    inputs = SimpleNamespace(context=Context(arrival=np.arange(readings) % 400))
+    part = SimpleNamespace(contributions=(None,) * 400, best=None)
+    monkeypatch.setattr(search, "differs_by_visit", lambda _: True)
+    assert search._has_room_for_visits(inputs, [SimpleNamespace(parts=(part,))]) is room
+    monkeypatch.setattr(search, "differs_by_visit", lambda _: False)
+    assert search._has_room_for_visits(inputs, [SimpleNamespace(parts=(part,))])

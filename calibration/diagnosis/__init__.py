@@ -33,6 +33,7 @@ __all__ = [
     "one_way",
     "outlying_readings",
     "periodogram",
+    "place_evidence",
     "ranking",
     "reading_weights",
     "result",

@@ -18,7 +18,8 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import evidence_of_basis_sets
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.ranking import Cause, smallest_size
+from calibration.diagnosis.place_evidence import smallest_size
+from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import EffectInputs, EffectParameter
 

@@ -13,7 +13,8 @@ from calibration.diagnosis.alike_places import CORRELATIONS, alike_at_all_places
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.diagnosis.ranking import rank_effects, smallest_size
+from calibration.diagnosis.place_evidence import evidence_by_place, smallest_size
+from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.search import search_causes
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.catalogue import load_catalogue
@@ -84,7 +85,7 @@ def test_what_all_struts_do_is_told_where_no_single_one_shows_it(warm):
     (cause,) = rank_effects(likelihood, inputs, [GROWTH])
     assert cause.alike
     assert sorted(part.place for part in cause.parts) == sorted(STRUTS)
-    alone = [place.log_evidence for place in ranking._evidence_by_place(likelihood, inputs, GROWTH, STRUTS)]
+    alone = [place.log_evidence for place in evidence_by_place(likelihood, inputs, GROWTH, STRUTS)]
     assert cause.log_evidence > 2.0 * max(alone)
     found = search_causes(likelihood, inputs, load_catalogue().effects)
     assert {part.effect.name for part in found.causes} == {"link_thermal_growth"}
@@ -151,7 +152,7 @@ def test_what_all_places_explain_hardly_better_is_the_model_error_of_one():
     """Growth of one strut by 20 K: at all four it has 0.7 % more of log evidence, as no form is exact."""
     likelihood, inputs = measured(20.0)
     (cause,) = rank_effects(likelihood, inputs, [GROWTH])
-    places = ranking._evidence_by_place(likelihood, inputs, GROWTH, STRUTS)
+    places = evidence_by_place(likelihood, inputs, GROWTH, STRUTS)
     together = ranking._alike(likelihood, inputs, GROWTH, places, 6.0)
     assert 0.0 < together.log_evidence - ranking.ALIKE_PRIOR - cause.log_evidence < 0.03 * cause.log_evidence
     assert [part.place for part in cause.parts] == ["left_upper"]

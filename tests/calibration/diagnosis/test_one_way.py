@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from scipy.optimize import isotonic_regression, minimize
 
-from calibration.diagnosis import one_way, ranking
+from calibration.diagnosis import one_way
 from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.one_way import judge_courses, least_square, loss_of_one_way
+from calibration.diagnosis.place_evidence import evidence_by_place
 from calibration.effects.api import BasisSets
 from calibration.effects.basis_functions import random_walk_basis, steps_over
 from calibration.effects.catalogue import load_catalogue
@@ -131,7 +132,7 @@ def test_a_crane_that_comes_and_goes_is_no_settling(monkeypatch, effect, least, 
     settling = load_catalogue().effect("foundation_settling")
 
     def evidence() -> float:
-        (place,) = ranking._evidence_by_place(likelihood, inputs, settling, ["left"])
+        (place,) = evidence_by_place(likelihood, inputs, settling, ["left"])
         return place.log_evidence
 
     held = evidence()

@@ -8,9 +8,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibration.diagnosis import ranking
+from calibration.diagnosis import place_evidence, ranking
 from calibration.diagnosis.basis_set_evidence import BasisSetEvidence
 from calibration.diagnosis.departure_evidence import DepartingEvidence
+from calibration.diagnosis.place_evidence import PlaceEvidence, refine
 from calibration.effects.api import BasisSet, Departure
 from calibration.recording.header import DisturbanceLevels
 from tests.calibration.diagnosis.hand_made import CATALOGUE, INPUTS
@@ -24,8 +25,8 @@ def departing(gain: float, *coordinates: str, unexpected: float = 0.0) -> Depart
     return DepartingEvidence(gain, unexpected, BasisSetEvidence(basis_set, 0.0, 1.0, np.zeros(1), np.zeros((1, 1))), ())
 
 
-def place(name: str, log_evidence: float) -> ranking._PlaceEvidence:
-    return ranking._PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
+def place(name: str, log_evidence: float) -> PlaceEvidence:
+    return PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
 
 
 def refined_of(monkeypatch, logs, laws):
@@ -36,12 +37,12 @@ def refined_of(monkeypatch, logs, laws):
         for name in logs
     ]
     monkeypatch.setattr(
-        ranking, "_evidence_by_place", lambda _, __, effect, ___: [place("left_upper", logs[effect.name])]
+        ranking, "evidence_by_place", lambda _, __, effect, ___: [place("left_upper", logs[effect.name])]
     )
     monkeypatch.setattr(ranking, "_at_several_places", lambda _, __, cause, by_visit: cause)
     monkeypatch.setattr(
         ranking,
-        "_refine",
+        "refine",
         lambda _, __, effect, places, by_visit: refined.append(effect.name) or places,
     )
     return refined, ranking.rank_effects(None, INPUTS, effects)
@@ -70,19 +71,19 @@ def test_where_a_law_leads_those_of_all_others_are_fitted_above_six(monkeypatch,
 def test_curves_are_fitted_at_places_with_four_fifths_of_the_best_or_five_less(monkeypatch, strongest, limit, side):
     tried = []
     effect = replace(CATALOGUE.effect("joint_clearance"), curves=lambda _, index: tried.append(index) or ())
-    monkeypatch.setattr(ranking, "fit_curves", lambda *_: None)
-    monkeypatch.setattr(ranking, "with_departures", lambda *_, **__: departing(0.0))
+    monkeypatch.setattr(place_evidence, "fit_curves", lambda *_: None)
+    monkeypatch.setattr(place_evidence, "with_departures", lambda *_, **__: departing(0.0))
     places = [place("left_upper", strongest), place("right_lower", limit + side)]
-    ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=False)
+    refine(LIKELIHOOD, INPUTS, effect, places, by_visit=False)
     assert tried == ([0, 3] if side > 0.0 else [0])
 
 
 def test_a_cause_keeps_what_unexpected_departures_add_at_its_likeliest_place(monkeypatch):
     found = departing(9.0, "rest", "time", unexpected=4.0)
-    monkeypatch.setattr(ranking, "with_departures", lambda *_, **__: found)
+    monkeypatch.setattr(place_evidence, "with_departures", lambda *_, **__: found)
     effect = CATALOGUE.effect("column_compliance")
     places = [place("left", 100.0), place("right", 20.0)]
-    cause = ranking._cause(effect, ranking._refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True))
+    cause = ranking._cause(effect, refine(LIKELIHOOD, INPUTS, effect, places, by_visit=True))
     assert cause.place == "left"
     assert cause.log_evidence == pytest.approx(109.0)
     assert cause.departure_gain == 4.0
@@ -121,7 +122,7 @@ def sets_of(*entries) -> SimpleNamespace:
 def test_departures_begin_from_the_likeliest_other_forms_and_periods(logs, others):
     built = sets_of(("sine", 2, 1.0e-3), ("sine", 2, 1.001e-3), ("sine", 2, 2.0e-3), ("sine", 2, 3.0e-3), ("", 14, 0.0))
     effect = CATALOGUE.effect("encoder_interpolation")
-    assert ranking._other_forms(effect, built, np.array(logs)) == others
+    assert place_evidence._other_forms(effect, built, np.array(logs)) == others
 
 
 @pytest.mark.parametrize(
@@ -131,14 +132,14 @@ def test_departures_of_what_is_anew_at_each_visit_begin_from_the_form_that_is(na
     """From this one alone if its strength depends on nothing else."""
     built = sets_of(("", 48, 0.0), ("step", 3, 0.0), ("step", 3, 0.0), (anew, 3, 0.0), ("exchanges", 3, 0.0))
     effect = CATALOGUE.effect(name)
-    assert ranking._other_forms(effect, built, np.array([100.0, 5.0, 4.0, -3.0, 50.0])) == others
+    assert place_evidence._other_forms(effect, built, np.array([100.0, 5.0, 4.0, -3.0, 50.0])) == others
 
 
 def test_beside_waves_of_two_periods_each_may_depart_alone():
     """Two waves are too many columns to depart from; the stronger one may have any form."""
     built = sets_of(("sine", 4, 8.0e-3), ("sine", 2, 8.0e-3), ("sine", 2, 5.0e-3))
     effect = CATALOGUE.effect("screw_periodic_error")
-    assert ranking._other_forms(effect, built, np.array([300.0, 280.0, 120.0])) == [1]
+    assert place_evidence._other_forms(effect, built, np.array([300.0, 280.0, 120.0])) == [1]
 
 
 @pytest.mark.parametrize(("gain_of_other", "log_evidence"), [(20.0, 101.0), (70.0, 130.0)])
@@ -147,17 +148,17 @@ def test_the_form_that_explains_most_once_it_departs_is_taken(monkeypatch, gain_
     other = place("left", 60.0)
     first = replace(place("left", 100.0), others=(other,))
     entries = {id(first.best): 100.0, id(other.best): 60.0}
-    monkeypatch.setattr(ranking, "with_departures", lambda *of, **_: departing(gains[entries[id(of[4])]]))
-    (refined,) = ranking._refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("backlash"), [first], by_visit=False)
+    monkeypatch.setattr(place_evidence, "with_departures", lambda *of, **_: departing(gains[entries[id(of[4])]]))
+    (refined,) = refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("backlash"), [first], by_visit=False)
     assert refined.log_evidence == pytest.approx(log_evidence)
 
 
 @pytest.mark.parametrize(("form", "anew"), [("loose", True), ("step", False), ("", False)])
 def test_only_one_form_of_a_reflector_is_anew_at_each_visit(monkeypatch, form, anew):
     asked = []
-    monkeypatch.setattr(ranking, "with_departures", lambda *_, anew, **__: asked.append(anew) or departing(0.0))
+    monkeypatch.setattr(place_evidence, "with_departures", lambda *_, anew, **__: asked.append(anew) or departing(0.0))
     at_first = replace(place("P1", 100.0), form=form)
-    ranking._refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("smr_reseat"), [at_first], by_visit=True)
+    refine(LIKELIHOOD, INPUTS, CATALOGUE.effect("smr_reseat"), [at_first], by_visit=True)
     assert asked == [anew]
-    assert ranking._form(sets_of(("loose", 3, 0.0)), BasisSet((0, 1, 2), (1.0,) * 3)) == "loose"
-    assert ranking._form(sets_of(("loose", 1, 0.0), ("step", 1, 0.0)), BasisSet((0, 1), (1.0,) * 2)) == ""
+    assert place_evidence._form(sets_of(("loose", 3, 0.0)), BasisSet((0, 1, 2), (1.0,) * 3)) == "loose"
+    assert place_evidence._form(sets_of(("loose", 1, 0.0), ("step", 1, 0.0)), BasisSet((0, 1), (1.0,) * 2)) == ""

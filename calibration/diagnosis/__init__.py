@@ -6,6 +6,7 @@ __all__ = [
     "any_change",
     "basis_set_evidence",
     "cause_size",
+    "chance",
     "channel_responses",
     "channels",
     "curve_fit",

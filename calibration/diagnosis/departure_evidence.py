@@ -24,6 +24,7 @@ from calibration.diagnosis.basis_set_evidence import (
     evidence_of_basis_sets,
     log_sum,
 )
+from calibration.diagnosis.chance import are_by_chance
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.one_way import judge_courses, loss_of_one_way
 from calibration.diagnosis.settings import VERDICT
@@ -45,7 +46,6 @@ FEW, LITTLE = 0.05, 0.3
 MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
 FEWEST_BY_CHANCE = 30  # visits, of which chance can be told from a course
-MOST_ALIKE = 4.0  # standard deviations of the correlation of neighbours, were they drawn by chance
 MOST_PRODUCTS_A_VISIT = 0.5  # of more than half as many as visits one fits nearly anything that differs by visit
 
 _Kind = Literal["exact", "a little", "wholly", "by visit"]
@@ -231,12 +231,4 @@ def _is_by_chance(entry: BasisSetEvidence, departures: Sequence[Departure], inpu
     column, visit = np.array([(d.column, d.term) for d in departures]).T
     visits, at = np.unique(inputs.context.arrival, return_index=True)
     along = np.column_stack([inputs.context.t_s[at], inputs.context.drives[at]])[np.searchsorted(visits, visit)]
-    for number in np.unique(column):
-        of_column = column == number
-        scatter = coefficients[of_column] - coefficients[of_column].mean()
-        most = MOST_ALIKE * float(scatter @ scatter) / np.sqrt(len(scatter))
-        for x in along[of_column].T:
-            in_order = scatter[np.argsort(x, kind="stable")]
-            if float(in_order[1:] @ in_order[:-1]) > most:
-                return False
-    return True
+    return all(are_by_chance(coefficients[column == number], along[column == number]) for number in np.unique(column))

@@ -11,6 +11,7 @@ from scipy.linalg import cho_factor, cho_solve
 from calibration.base.arrays import Array
 from calibration.base.outliers import GATE_SIGMAS, scale_of
 from calibration.diagnosis.any_change import FREE_SIGMAS, columns_by_stand, columns_of_any_change, stands
+from calibration.diagnosis.chance import are_by_chance
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.staggered_columns import StaggeredColumns
 from calibration.identification.gate import LinearReadings
@@ -19,7 +20,8 @@ from calibration.reduction.left_out import DIAGNOSIS, GIANT, LeftOutReading
 
 GROSS_SIGMAS, GIANT_SIGMAS = 15.0, 60.0  # of a reading's own
 MOST_ALIKE = 3.0  # giants that are off alike hide each other: each then looks so many times closer
-LARGEST_WRONG_SHARE = 0.025
+LARGEST_WRONG_SHARE = 0.025  # unless they come by chance
+MOST_SIGMAS_OF_COUNT = 3.0  # by which a reflector has more or fewer of them than all together, were they by chance
 LARGEST_GROSS_SHARE = 0.15  # hardly anything that an effect does is so far off what any change explains
 MOST_SUSPECTS = 0.25  # of all readings, before the search for wrong ones is given up
 WORST_SHARE = 0.3  # of the worst: what is at least so far off goes in the same round
@@ -64,8 +66,8 @@ def judge_readings(observed: ObservedModel, whiten: Array, residual: Array, colu
 def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, columns: Array) -> JudgedReadings:
     """Which readings are not wrong by what the others say, whatever an effect may have changed (any_change.py).
 
-    Where many are wrong, only those count that are so grossly; where very many are gross, an effect that nothing
-    here describes is the likely cause, and all stay.
+    Where many are wrong that do not come by chance, only those count that are so grossly; where very many are gross, an
+    effect that nothing here describes is the likely cause, and all stay.
     """
     stand, (of_platform, of_drives) = stands(observed), columns_by_stand(observed, whiten)
     # Of whatever may have changed, much concerns one reflector or one drive only.
@@ -74,25 +76,48 @@ def fitting_readings(observed: ObservedModel, whiten: Array, residual: Array, co
     by_stand = np.concatenate([of_platform, FREE_SIGMAS * of_drives], axis=2)
     leave_one_out = _LeaveOneOut(stand, by_stand, residual, both)
     sigmas = leave_one_out.judge(_parts(observed))
-    keep = np.asarray(sigmas <= _limit_of_wrong(sigmas)) | _of_one_reflector(observed, sigmas)
+    limit = _limit_of_wrong(observed, sigmas)
+    keep = np.asarray(sigmas <= limit) | _of_one_reflector(observed, sigmas > limit)
     off = [(sigmas, GATE_SIGMAS), (leave_one_out.stated_sigmas(keep), GROSS_SIGMAS)]  # wrong ones widen their scale
     many = (number[keep & (number > limit)] for number, limit in off if np.mean(number > limit) >= LARGEST_WRONG_SHARE)
     size_m = lengths_m(whiten[~keep], leave_one_out.deviations_without(keep))
     return JudgedReadings(keep, sigmas, size_m, DIAGNOSIS, next(many, np.zeros(0)))
 
 
-def _limit_of_wrong(sigmas: Array) -> float:
+def _limit_of_wrong(observed: ObservedModel, sigmas: Array) -> float:
     """From how many of their own standard deviations (n,) on readings are wrong; infinite where too many are gross."""
-    gross = sigmas > GROSS_SIGMAS
+    gross, far = sigmas > GROSS_SIGMAS, sigmas > GATE_SIGMAS
     if np.mean(gross) >= LARGEST_GROSS_SHARE:
         return np.inf
-    return GATE_SIGMAS if np.mean((sigmas > GATE_SIGMAS) & ~gross) < LARGEST_WRONG_SHARE else GROSS_SIGMAS
+    if np.mean(far & ~gross) < LARGEST_WRONG_SHARE or come_by_chance(observed, far):
+        return GATE_SIGMAS
+    return GROSS_SIGMAS
 
 
-def _of_one_reflector(observed: ObservedModel, sigmas: Array) -> NDArray[np.bool_]:
-    """Readings (n,) of a reflector of the platform that is off much more often than any other: that is one which does
-    not lie still, as gross readings come to all of them alike."""
-    out, wrong = np.zeros(len(sigmas), dtype=bool), sigmas > _limit_of_wrong(sigmas)
+def come_by_chance(observed: ObservedModel, far: NDArray[np.bool_]) -> bool:
+    """Whether readings that are far off (n,) come to all reflectors of the platform alike, whatever was measured before
+    and wherever that was. What an effect does to a reading comes at some time or place, or to one reflector.
+    """
+    if np.mean(far) >= LARGEST_GROSS_SHARE:
+        return False
+    rows = np.flatnonzero(observed.on_platform)
+    numbers, every = np.unique(observed.smr, return_inverse=True)
+    expected = np.bincount(every) * np.mean(far[rows])
+    more = (np.bincount(every, far) - expected) / np.sqrt(np.maximum(expected, 1.0))
+    on_platform = np.isin(numbers, observed.smr[rows])  # of other parts hardly anything says what they should read
+    if np.any(more > MOST_SIGMAS_OF_COUNT) or np.any(more[on_platform] < -MOST_SIGMAS_OF_COUNT):
+        return False
+    context = observed.context
+    along = np.column_stack([context.t_s, context.drives])[rows]
+    in_order = np.argsort(np.argsort(along, axis=0, kind="stable"), axis=0)
+    one_by_one = in_order + len(rows) * every[rows, None]
+    return are_by_chance(far[rows].astype(np.float64), one_by_one.astype(np.float64))
+
+
+def _of_one_reflector(observed: ObservedModel, wrong: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Readings (n,) of a reflector of the platform that is wrong (n,) much more often than any other: that is one which
+    does not lie still, as gross readings come to all of them alike."""
+    out = np.zeros(len(wrong), dtype=bool)
     of_reflector = {
         k: observed.on_platform & (observed.smr == k) for k in np.unique(observed.smr[observed.on_platform])
     }

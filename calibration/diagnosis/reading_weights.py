@@ -17,7 +17,13 @@ from calibration.base.outliers import GATE_SIGMAS, own_sigmas
 from calibration.diagnosis.any_change import stands
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linearised_readings import project_out
-from calibration.diagnosis.outlying_readings import GROSS_SIGMAS, SINGULAR, JudgedReadings, lengths_m
+from calibration.diagnosis.outlying_readings import (
+    GROSS_SIGMAS,
+    SINGULAR,
+    JudgedReadings,
+    come_by_chance,
+    lengths_m,
+)
 from calibration.reduction.left_out import BESIDE_CAUSES
 
 NORMAL_SIGMAS, FAR_SIGMAS = 3.0, 4.0  # by the model alone of the worst coordinate, beside the causes of the reading
@@ -72,7 +78,8 @@ def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> Second
     far = sigmas > FAR_SIGMAS
     single = far & _among_fitting_ones(stands(linear), far)
     wrong = single & (sigmas > GATE_SIGMAS)
-    if not np.any(wrong & (sigmas > GROSS_SIGMAS)) or np.mean(single) >= MOST_FAR or _are_many(wrong, linear.smr):
+    many = np.mean(single) >= MOST_FAR or _are_many(wrong, linear.smr)
+    if not (come_by_chance(linear, single) if many else np.any(wrong & (sigmas > GROSS_SIGMAS))):
         return None
     size_m = lengths_m(linear.whiten[wrong], deviation[wrong])
     readings = JudgedReadings(~wrong, sigmas, size_m, BESIDE_CAUSES, np.zeros(0))

@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import lapack
 from scipy.special import log_ndtr
 
 from calibration.base.arrays import Array
@@ -20,6 +21,7 @@ from calibration.effects.api import BasisSet
 SIZES = 9
 SIZE_STEPS = np.linspace(0.0, 1.0, SIZES)  # logarithms of the sizes tried, over the plausible range
 LOG_2 = float(np.log(2.0))
+LEAST_PIVOT = 1e-6  # of 1 and what is not negative but for rounding
 
 
 @dataclass(frozen=True)
@@ -107,8 +109,23 @@ def _log_share_of_sign(mean: float, variance: float) -> float:
 
 
 def log_evidence_of_sizes(columns: InformationAndScore, sizes: Array) -> Array:
-    """Log evidence (a,) of all columns together, their coefficients having each standard deviation (a,)."""
-    values, vectors = np.linalg.eigh(0.5 * (columns.information + columns.information.T))
-    along, square = vectors.T @ columns.score, sizes[:, None] ** 2
-    grown = 1.0 + square * np.maximum(values, 0.0)
-    return np.asarray(np.sum(0.5 * square * along**2 / grown - 0.5 * np.log(grown), axis=1))
+    """Log evidence (a,) of all columns together, their coefficients having each standard deviation (a,).
+
+    By a tridiagonal matrix that has the eigenvalues of the information and the score along its first axis: a third of
+    the time of eigenvectors. Householder's reflections leave the first row of a matrix alone: there the score is put. A
+    column of zeros more changes nothing; the interface to LAPACK takes no matrix of one element.
+    """
+    k = len(columns.score) + 1
+    bordered = np.zeros((k + 1, k + 1))
+    bordered[1:-1, 0], bordered[1:-1, 1:-1] = columns.score, 0.5 * (columns.information + columns.information.T)
+    work = int(lapack.dsytrd_lwork(k + 1, lower=1)[0])
+    _, diagonal, beside, _, _ = lapack.dsytrd(bordered, lower=1, lwork=work, overwrite_a=1)
+    first, square_of_score = np.eye(k, 1), beside[0] ** 2
+    logs = []
+    for square in sizes**2:
+        # Rounding may leave an eigenvalue a little below zero.
+        pivots, ratios, _ = lapack.dpttrf(1.0 + square * diagonal[1:], square * beside[1:])
+        pivots = np.maximum(pivots, LEAST_PIVOT)
+        solved, _ = lapack.dpttrs(pivots, ratios, first)
+        logs.append(0.5 * square * square_of_score * solved[0, 0] - 0.5 * np.sum(np.log(pivots)))
+    return np.array(logs)

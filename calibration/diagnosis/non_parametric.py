@@ -5,7 +5,7 @@ If they explain more than the catalogue, the effect is unknown; their channel an
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -71,7 +71,7 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
     reflectors = [group for group in groups if group[0].startswith(REFLECTOR)][:-1]
 
     def evidence(group: tuple[str, ...]) -> float:
-        return sum(float(log_sum(_log_evidence_by_visit(likelihood, c, SIZES_SIGMA))) for c in group)
+        return evidence_of_shifts_by_visit(likelihood, group)
 
     tried_on_machine = sorted(on_machine, key=evidence, reverse=True)[:CHANNELS_TRIED]
     tried_groups = tried_on_machine + sorted(reflectors, key=evidence, reverse=True)[:1]
@@ -98,6 +98,11 @@ def _log_evidence_by_visit(likelihood: MarginalLikelihood, channel: str, sizes_s
     square = (sizes_sigma[:, None] * _channel_unit(likelihood, channel)) ** 2
     grown = 1.0 + square * information
     return np.asarray(np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1))
+
+
+def evidence_of_shifts_by_visit(likelihood: MarginalLikelihood, channels: Iterable[str]) -> float:
+    """Approximate log evidence of independent shifts per visit at each of some channels."""
+    return sum(float(log_sum(_log_evidence_by_visit(likelihood, channel, SIZES_SIGMA))) for channel in channels)
 
 
 def log_evidence_at_platform(likelihood: MarginalLikelihood, sizes_sigma: Array) -> Array:

@@ -17,12 +17,14 @@ from calibration.diagnosis.basis_set_evidence import BasisSetEvidence, evidence_
 from calibration.diagnosis.curve_fit import fit_curves
 from calibration.diagnosis.departure_evidence import MOST_MAIN_COLUMNS, with_departures
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.non_parametric import evidence_of_shifts_by_visit
 from calibration.diagnosis.one_way import judge_courses
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 
 OTHER_FORMS, OTHER_FORMS_SHARE = 1, 0.3  # from how many departures are tried too; of the best one's log evidence
+PLACES_ANEW = 2  # at which numbers for the visits are tried: those whose channels explain most by them
 PERIOD_DIGITS = 2  # of a period's logarithm, to which waves are told apart
 
 
@@ -132,8 +134,11 @@ def refine(
             return PlaceEvidence(place.place, both, fit.best, fit.contributions)
         return replace(place, log_evidence=both)
 
-    def is_anew(near: PlaceEvidence) -> bool:
+    def has_form_anew(near: PlaceEvidence) -> bool:
         return by_visit and bool(near.form) and near.form == effect.anew_by_visit
+
+    def is_anew(near: PlaceEvidence) -> bool:
+        return has_form_anew(near) and near.place in most_shifted
 
     def departing(near: PlaceEvidence) -> PlaceEvidence:
         found = with_departures(
@@ -152,6 +157,13 @@ def refine(
             ways = [place, *(departing(near) for near in (place, *place.others) if is_anew(near))]
         return max(ways, key=lambda way: way.log_evidence)
 
+    shifts = {
+        place.place: evidence_of_shifts_by_visit(likelihood, {c for column in near.contributions for c, _ in column})
+        for place in places
+        for near in (place, *place.others)
+        if has_form_anew(near)
+    }
+    most_shifted = sorted(shifts, key=lambda name: -shifts[name])[:PLACES_ANEW]
     threshold = min(VERDICT.curve_fit_share_at_place * strongest, strongest - VERDICT.curve_fit_margin_at_place)
     return [refined(place) for place in places]
 

@@ -77,6 +77,20 @@ def test_nine_sizes_stand_for_the_whole_prior(likelihood, contributions):
     assert coarse == pytest.approx(np.logaddexp.reduce(logs) - np.log(2001.0), abs=0.5)
 
 
+@pytest.mark.parametrize(("columns", "rank"), [(1, 1), (2, 1), (7, 7), (60, 60), (60, 9)])
+def test_evidence_of_sizes_is_that_of_normal_densities(columns, rank):
+    """Of numbers with noise of one, with and without the columns; some of which may be alike."""
+    rng = np.random.default_rng(columns + rank)
+    h = rng.standard_normal((80, rank)) @ rng.standard_normal((rank, columns))
+    y = h @ rng.standard_normal(columns) + rng.standard_normal(80)
+    sizes = np.array([0.01, 0.5, 7.0])
+    density = multivariate_normal.logpdf
+    without = density(y, cov=np.eye(80))
+    expected = [density(y, cov=np.eye(80) + size**2 * h @ h.T) - without for size in sizes]
+    logs = log_evidence_of_sizes(InformationAndScore(h.T @ h, h.T @ y), sizes)
+    np.testing.assert_allclose(logs, expected, rtol=1e-8)
+
+
 def test_directions_that_are_left_out_hardly_count(wandering, small, likelihood, contributions):
     quick = MarginalLikelihood.of(linearise_recording(wandering))
     assert quick.q.shape[2] < likelihood.q.shape[2]

@@ -138,11 +138,11 @@ withheld: $(VENV)/dev.stamp
 
 # The diagnosis on recordings of another simulator (docs/explanation/independent.md), if they lie in
 # ../shared/independent or DATA=FOLDER: even numbers, with a list of the misjudged. N=10 for a first look; GROSS=1 plants
-# gross readings too. FINAL=1 scores the odd ones: at most five times ever, each a line in the committed log. Stopped, it
+# gross readings too, FAR=1 many that are far off. FINAL=1 scores the odd ones: at most five times ever, each a line in the committed log. Stopped, it
 # goes on.
 independent: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.independent.run $(if $(DATA),--data $(DATA)) $(if $(N),--n $(N)) \
-		$(if $(GROSS),--gross) $(if $(FINAL),--final)
+		$(if $(GROSS),--gross) $(if $(FAR),--far) $(if $(FINAL),--final)
 
 # The diagnosis on a second simulator of campaigns (docs/explanation/other-simulator.md): makes ARCHIVE=first,
 # second, third, fourth, fifth, sixth, seventh, eighth or space in OUT (runs/other-simulator/ARCHIVE), then checks it as `independent`;

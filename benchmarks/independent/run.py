@@ -1,12 +1,14 @@
 """Checks the diagnosis on recordings of another simulator: one table (docs/explanation/independent.md).
 
-    python -m benchmarks.independent.run [--data FOLDER] [--n N] [--jobs 1] [--gross] [--fresh] [--totals] [--final]
+    python -m benchmarks.independent.run [--data FOLDER] [--n N] [--jobs 1] [--gross] [--far] [--fresh] [--totals]
+                                         [--final]
 
 Reads the even-numbered recordings of FOLDER/recordings.tar.xz (else of INDEPENDENT_RECORDINGS, else of
 ../shared/independent beside the checkout) and says which are misjudged. Answers lie in runs/independent, one folder for
 each state of the code that they depend on; stopped at any time, the same command goes on. --final scores the odd ones
 instead, without saying which: at most five times, each a line in log.jsonl. --gross diagnoses again what was sure, with
-gross readings planted (a final run always does). --totals says nothing of a single recording, for those that are only
+gross readings planted (a final run always does); --far the same with one in twenty readings off by 5 to 12 standard
+deviations. --totals says nothing of a single recording, for those that are only
 to be scored. Exit status 1 if a goal is missed, 2 if there are no recordings or a process failed, 130 if interrupted.
 """
 
@@ -27,7 +29,7 @@ from typing import Any
 
 from benchmarks.independent import final_runs
 from benchmarks.independent.final_runs import FinalRun, NoFinalRun
-from benchmarks.independent.gross import plant_in
+from benchmarks.independent.planted_readings import PLANTED
 from benchmarks.independent.recordings import NoRecordings, copy_recordings, digest_of, find_archive, names_of
 from benchmarks.independent.scorer import reached_with_truth, score
 from benchmarks.independent.table import figures, misjudged, printed, without_cases
@@ -67,11 +69,11 @@ def _run(options: argparse.Namespace, archive: Path) -> int:
     if options.fresh:
         shutil.rmtree(out, ignore_errors=True)
     answers = answer(archive, chosen, out, options.diagnose, options.jobs, sealed=options.sealed)
-    held = hold_against_gross(archive, out, answers, options) if options.gross or final_run is not None else {}
+    wanted = {"gross": options.gross or final_run is not None, "far": options.far}
+    held = {kind: hold_against(kind, archive, out, answers, options) for kind in wanted if wanted[kind]}
     rows = score_all(archive, out, answers, final_run)
     for row in rows:
-        if row["key"] in held:
-            row["held_against_gross"] = held[row["key"]]
+        row |= {f"held_against_{kind}": of[row["key"]] for kind, of in held.items() if row["key"] in of}
     data = figures(rows)
     if final_run is not None or options.totals:
         data = without_cases(data)
@@ -90,15 +92,15 @@ def spread(names: Sequence[str], n: int) -> list[str]:
     return list(names) if not 0 < n < len(names) else [names[k * len(names) // n] for k in range(n)]
 
 
-def hold_against_gross(
-    archive: Path, out: Path, answers: dict[str, dict[str, Any]], options: argparse.Namespace
+def hold_against(
+    kind: str, archive: Path, out: Path, answers: dict[str, dict[str, Any]], options: argparse.Namespace
 ) -> dict[str, bool]:
-    """Whether the verdicts that were sure are the same with gross readings planted, by recording."""
+    """Whether the verdicts that were sure are the same with wrong readings of a kind planted, by recording."""
     sure = [name for name, of_name in answers.items() if sure_of(of_name)]
-    planting = hashlib.sha256((Path(__file__).parent / "gross.py").read_bytes()).hexdigest()[:12]
-    print(f"{len(sure)} of {len(answers)} verdicts are sure; with gross readings:", file=sys.stderr)
-    out = out / f"gross-{planting}"
-    again = answer(archive, sure, out, options.diagnose, options.jobs, prepare=plant_in, sealed=options.sealed)
+    planting = hashlib.sha256((Path(__file__).parent / "planted_readings.py").read_bytes()).hexdigest()[:12]
+    print(f"{len(sure)} of {len(answers)} verdicts are sure; with {kind} readings:", file=sys.stderr)
+    out = out / f"{kind}-{planting}"
+    again = answer(archive, sure, out, options.diagnose, options.jobs, prepare=PLANTED[kind], sealed=options.sealed)
     return {name: verdict(again[name]) == verdict(answers[name]) for name in sure}
 
 
@@ -223,6 +225,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument(
         "--gross", action="store_true", help="diagnose again what was sure, with gross readings planted"
     )
+    parser.add_argument("--far", action="store_true", help="the same with one reading in twenty far off")
     parser.add_argument("--fresh", action="store_true", help="forget the answers that this code has given")
     parser.add_argument("--totals", action="store_true", help="say nothing of a single recording")
     parser.add_argument("--final", action="store_true", help="score all odd recordings and log it; at most five times")

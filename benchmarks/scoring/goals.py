@@ -208,9 +208,11 @@ def sizes(rows: Sequence[Row]) -> list[Measure]:
 
 
 def gross(rows: Sequence[Row]) -> list[Measure]:
-    """Of verdicts that were sure, and were asked for again with gross readings."""
+    """Of verdicts that were sure, and were asked for again with wrong readings: six gross ones, or many."""
     changed = [not r["held_against_gross"] for r in rows if "held_against_gross" in r]
-    return [share(f"verdicts of p > {GROSS_SURE} that six gross readings change", changed, 0.02, at_most=True)]
+    of_far = [not r["held_against_far"] for r in rows if "held_against_far" in r]
+    out = [share(f"verdicts of p > {GROSS_SURE} that six gross readings change", changed, 0.02, at_most=True)]
+    return out + ([share("  that one far reading in twenty changes", of_far)] if of_far else [])
 
 
 def reached(figures: Sequence[dict[str, Any]]) -> bool:

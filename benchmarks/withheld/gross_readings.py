@@ -15,11 +15,18 @@ Column = NDArray[Any]
 
 def with_gross_readings(columns: Mapping[str, Column], count: int, rng: np.random.Generator) -> dict[str, Column]:
     """The columns with `count` readings off; sizes are spread evenly in the logarithm."""
-    place = np.stack([columns[name] for name in ("x_m", "y_m", "z_m")], axis=1)
-    rows = rng.choice(len(place), count, replace=False)
+    rows = rng.choice(len(columns["x_m"]), count, replace=False)
     direction = rng.standard_normal((count, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    moved = place[rows] + np.exp(rng.uniform(np.log(SMALLEST_M), np.log(LARGEST_M), (count, 1))) * direction
+    sizes_m = np.exp(rng.uniform(np.log(SMALLEST_M), np.log(LARGEST_M), (count, 1)))
+    return moved_readings(columns, rows, sizes_m * direction)
+
+
+def moved_readings(
+    columns: Mapping[str, Column], rows: NDArray[np.intp], by_m: NDArray[np.float64]
+) -> dict[str, Column]:
+    """The columns with readings, rows (k,), off by so much (k, 3)."""
+    moved = np.stack([columns[name] for name in ("x_m", "y_m", "z_m")], axis=1)[rows] + by_m
     distance = np.linalg.norm(moved, axis=1)
     now = {
         "x_m": moved[:, 0], "y_m": moved[:, 1], "z_m": moved[:, 2],

@@ -12,10 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.independent import final_runs, run
+from benchmarks.independent import final_runs, planted_readings, run
 from benchmarks.independent.final_runs import MOST, NoFinalRun
-from benchmarks.independent.gross import plant_in
 from benchmarks.independent.pack import packed_arrays, write_archive
+from benchmarks.independent.planted_readings import PLANTED
 from benchmarks.independent.recordings import FILES, NoRecordings, copy_recordings, names_of
 from benchmarks.independent.scorer import score
 from benchmarks.independent.table import figures, misjudged
@@ -209,6 +209,10 @@ def test_a_run_reads_the_even_half_goes_on_and_begins_anew_with_other_code(
     assert asked == EVEN * 3 + ["rec002"]
     (line,) = (line for line in capsys.readouterr().out.splitlines() if "six gross readings change" in line)
     assert "20.7 % to 100.0 %      1  short" in line
+    assert run.main(arguments(tmp_path, "--far")) == 1
+    assert asked == EVEN * 3 + ["rec002"] * 2
+    (line,) = (line for line in capsys.readouterr().out.splitlines() if "one far reading in twenty changes" in line)
+    assert "100.0 %" in line
     assert not (tmp_path / "log").exists()
 
 
@@ -360,7 +364,7 @@ def test_measures_are_counted_by_hand(tmp_path):
 def test_six_gross_readings_are_planted_the_same_each_time(tmp_path):
     for name in ("a", "b"):
         shutil.copytree(ROOT / "tests/data/version_0_1/recording", tmp_path / name / "rec002")
-        plant_in(tmp_path / name / "rec002")
+        PLANTED["gross"](tmp_path / name / "rec002")
     before = read_folder(ROOT / "tests/data/version_0_1/recording")
     after, again = (read_folder(tmp_path / name / "rec002") for name in ("a", "b"))
     off = np.linalg.norm(after.positions_m - before.positions_m, axis=1)
@@ -369,3 +373,15 @@ def test_six_gross_readings_are_planted_the_same_each_time(tmp_path):
     np.testing.assert_array_equal(after.positions_m, again.positions_m)
     np.testing.assert_allclose(after["slope_distance_m"], np.linalg.norm(after.positions_m, axis=1), atol=1e-4)
     assert np.sum(after["hz_rad"] != before["hz_rad"]) <= 6
+
+
+def test_one_reading_in_twenty_is_planted_far_off():
+    before = read_folder(ROOT / "tests/data/version_0_1/recording")
+    after = planted_readings.with_far(before, np.random.default_rng(4))
+    by_m = after.positions_m - before.positions_m
+    rows = np.flatnonzero(np.any(by_m != 0.0, axis=1))
+    assert len(rows) == round(0.05 * len(before))
+    by_sigmas = np.linalg.solve(np.linalg.cholesky(before.covariances_m2[rows]), by_m[rows][:, :, None])
+    sigmas = np.linalg.norm(by_sigmas, axis=(1, 2))
+    assert 4.9 < np.min(sigmas) < 7.0
+    assert 10.0 < np.max(sigmas) < 12.1

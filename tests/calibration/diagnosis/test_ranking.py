@@ -14,7 +14,7 @@ from calibration.diagnosis.departure_evidence import DepartingEvidence
 from calibration.diagnosis.place_evidence import PlaceEvidence, refine
 from calibration.effects.api import BasisSet, Departure
 from calibration.recording.header import DisturbanceLevels
-from tests.calibration.diagnosis.hand_made import CATALOGUE, INPUTS
+from tests.calibration.diagnosis.hand_made import CATALOGUE, INPUTS, MACHINE
 
 LIKELIHOOD = SimpleNamespace(linear=SimpleNamespace(machine=None, levels=DisturbanceLevels(), payloads=()))
 
@@ -162,3 +162,28 @@ def test_only_one_form_of_a_reflector_is_anew_at_each_visit(monkeypatch, form, a
     assert asked == [anew]
     assert place_evidence._form(sets_of(("loose", 3, 0.0)), BasisSet((0, 1, 2), (1.0,) * 3)) == "loose"
     assert place_evidence._form(sets_of(("loose", 1, 0.0), ("step", 1, 0.0)), BasisSet((0, 1), (1.0,) * 2)) == ""
+
+
+def test_numbers_for_the_visits_are_tried_at_the_two_places_that_they_would_explain_most_at(monkeypatch):
+    shifts = {
+        "length.left_upper": 3.0,
+        "length.left_lower": 90.0,
+        "length.right_upper": 40.0,
+        "length.right_lower": 50.0,
+    }
+    asked = []
+    monkeypatch.setattr(place_evidence, "evidence_of_shifts_by_visit", lambda _, channels: shifts[min(channels)])
+    monkeypatch.setattr(
+        place_evidence, "with_departures", lambda *of, anew, **_: asked.append((of[3], anew)) or departing(0.0)
+    )
+    effect = CATALOGUE.effect("joint_clearance")
+    names = effect.places(MACHINE)
+    places = [
+        replace(
+            place(name, -1.0),
+            others=(replace(place(name, -2.0), form="anywhere", contributions=(((f"length.{name}", np.ones(1)),),)),),
+        )
+        for name in names
+    ]
+    refine(LIKELIHOOD, INPUTS, replace(effect, curves=lambda *_: ()), places, by_visit=True)
+    assert sorted(number for number, anew in asked if anew) == sorted(map(names.index, ("left_lower", "right_lower")))

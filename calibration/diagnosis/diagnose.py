@@ -36,6 +36,7 @@ from calibration.diagnosis.reading_weights import judge_beside_causes
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
 from calibration.diagnosis.search import SearchResult, include_effects
 from calibration.diagnosis.search_budget import BY_VISIT, SearchBudget
+from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.twin.folder_twin import FolderTwin, score_folder_twin, twin_of_folder
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.twin.score import TwinScore, score_twin
@@ -53,12 +54,15 @@ SAFEGUARDS = 2  # non-parametric alternatives added when noise-free readings are
 OFFSETS = {"smr_offset": ("mounting.",), "joint_spacing": ("platform_joint.", "base_joint.")}
 
 
-def diagnose(recording: Recording, catalogue: Catalogue | None = None) -> Diagnosis:
+def diagnose(
+    recording: Recording, catalogue: Catalogue | None = None, *, work: float = VERDICT.search_work
+) -> Diagnosis:
     """Locate the gap of a recording, identify the effect that causes it, and estimate how far it shrinks.
 
-    Raises InputError if the recording is unsuitable.
+    work: beyond which no further search begins, to save time; infinite for none to be left out (search_budget). Raises
+    InputError if the recording is unsuitable.
     """
-    return _diagnose_with_models(linearise_recording(recording), catalogue).diagnosis
+    return _diagnose_with_models(linearise_recording(recording), catalogue, work).diagnosis
 
 
 def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin]:
@@ -67,29 +71,33 @@ def diagnose_and_add(recording: Recording, catalogue: Catalogue | None = None) -
     return result.diagnosis, Twin.from_diagnosis(result.likelihood, result.causes, result.inputs)
 
 
-def diagnose_and_score(recording: Recording, catalogue: Catalogue | None = None) -> tuple[Diagnosis, Twin, TwinScore]:
+def diagnose_and_score(
+    recording: Recording, catalogue: Catalogue | None = None, *, work: float = VERDICT.search_work
+) -> tuple[Diagnosis, Twin, TwinScore]:
     """The same, and how well the campaign simulated on the twin agrees with readings withheld from it."""
-    result = _diagnose_with_models(linearise_recording(recording), catalogue)
+    result = _diagnose_with_models(linearise_recording(recording), catalogue, work)
     joint_fit = JointFit(result.likelihood, result.causes)
     twin = Twin.from_solution(joint_fit.solution, result.likelihood, result.causes, result.inputs)
     return result.diagnosis, twin, score_twin(result.likelihood, result.truth_likelihood, joint_fit, twin)
 
 
-def diagnose_measurements(measured: MeasuredMachine, catalogue: Catalogue | None = None) -> Diagnosis:
+def diagnose_measurements(
+    measured: MeasuredMachine, catalogue: Catalogue | None = None, *, work: float = VERDICT.search_work
+) -> Diagnosis:
     """The same of a measurement folder. What its columns cannot show is in `not_tested`.
 
     Where the folder knows of a former fit, the kinds of errors which that left alone are possible causes too
     (`folder_effects`). Raises InputError if the readings are unsuitable.
     """
-    return _diagnose_folder(linearise_measurements(measured), catalogue).diagnosis
+    return _diagnose_folder(linearise_measurements(measured), catalogue, work).diagnosis
 
 
 def diagnose_measurements_and_score(
-    measured: MeasuredMachine, catalogue: Catalogue | None = None
+    measured: MeasuredMachine, catalogue: Catalogue | None = None, *, work: float = VERDICT.search_work
 ) -> tuple[Diagnosis, FolderTwin, TwinScore]:
     """The same, the machine fitted together with the effects that were found, and how well that predicts readings
     withheld from it."""
-    found = _diagnose_folder(linearise_measurements(measured), catalogue)
+    found = _diagnose_folder(linearise_measurements(measured), catalogue, work)
     linear = found.likelihood.linear  # with the levels of disturbances that were found
     if not isinstance(linear, LinearFolder):
         raise TypeError("a measurement folder stays one")
@@ -97,10 +105,10 @@ def diagnose_measurements_and_score(
     return found.diagnosis, twin, score_folder_twin(linear, found.likelihood, found.truth_likelihood, found.causes)
 
 
-def _diagnose_folder(linear: LinearFolder, catalogue: Catalogue | None) -> _DiagnosisWithModels:
+def _diagnose_folder(linear: LinearFolder, catalogue: Catalogue | None, work: float) -> _DiagnosisWithModels:
     catalogue = catalogue or load_catalogue()
     left_alone = tuple(effects_of_unknowns(linear.left_unknowns, KINDS))
-    found = _diagnose_with_models(linear, Catalogue((*catalogue.effects, *left_alone)))
+    found = _diagnose_with_models(linear, Catalogue((*catalogue.effects, *left_alone)), work)
     remarks_of_all = (*remarks_on_folder(linear), *found.diagnosis.remarks)
     return replace(found, diagnosis=replace(found.diagnosis, remarks=remarks_of_all))
 
@@ -134,13 +142,15 @@ class _DiagnosisWithModels:
     inputs: EffectInputs
 
 
-def _diagnose_with_models(linear: LinearisedReadings, catalogue: Catalogue | None) -> _DiagnosisWithModels:
+def _diagnose_with_models(
+    linear: LinearisedReadings, catalogue: Catalogue | None, work: float = VERDICT.search_work
+) -> _DiagnosisWithModels:
     catalogue, stated = catalogue or load_catalogue(), linear.levels
-    searched = _search(linear, catalogue, SearchBudget())
+    searched = _search(linear, catalogue, SearchBudget(limit=work))
     if isinstance(linear, LinearModel):
         judged = judge_beside_causes(searched.found.result.likelihoods[-1], linear.weight)
         if judged is not None:
-            again = SearchBudget(found=_begins_of(searched.found.result.causes))
+            again = SearchBudget(found=_begins_of(searched.found.result.causes), limit=work)
             searched = _search(linearise_again(linear, judged), catalogue, again)
     inputs, by_drive, not_tested, found = searched.inputs, searched.by_drive, searched.not_tested, searched.found
     likelihood, search_result = found.likelihood, found.result

@@ -74,6 +74,9 @@ def diagnose(
             "--estimate-disturbances", help="print the rig file's section [nuisance] instead, from a quiet campaign"
         ),
     ] = False,
+    thorough: Annotated[
+        bool, typer.Option("--thorough", help="leave out no search to save time; may take minutes")
+    ] = False,
     by_sequence: SequenceOption = False,
     all_campaigns: AllOption = False,
     jobs: JobsOption = None,
@@ -96,13 +99,14 @@ def diagnose(
     if _is_on_all("diagnose", campaign, all_campaigns, by_sequence, jobs, scheduler, again=again):
         if estimate_disturbances:
             raise InputError("diagnose: --estimate-disturbances is of one campaign; leave out --all")
-        run_on_all(diagnose_work(effects or (), add=add), out, json, jobs, scheduler, again=again)
+        run_on_all(diagnose_work(effects or (), add=add, thorough=thorough), out, json, jobs, scheduler, again=again)
         return
     assert campaign is not None  # else it is refused
     if is_axis(campaign):
-        if add or effects or estimate_disturbances:
+        if add or effects or estimate_disturbances or thorough:
             raise InputError(
-                "diagnose: --add, --effects and --estimate-disturbances are for machines; leave them out for one axis"
+                "diagnose: --add, --effects, --estimate-disturbances and --thorough are for machines; leave them out "
+                "for one axis"
             )
         print_result(json, *diagnose_folder(Path(campaign)))
         return
@@ -110,21 +114,23 @@ def diagnose(
     if measurements is not None:
         if estimate_disturbances:
             raise InputError("diagnose: --estimate-disturbances is for recordings; leave it out for a folder")
-        diagnosis, result = run_folder_diagnosis(measurements, out, effects or (), add=add)
+        diagnosis, result = run_folder_diagnosis(measurements, out, effects or (), add=add, thorough=thorough)
         print_result(json, result, describe_diagnosis(diagnosis, result))
         return
     recording = find_recording(campaign, out, by_sequence=by_sequence)
     repaired = say_repaired(recording)
     if estimate_disturbances:
-        if add or effects:
-            raise InputError("diagnose: --estimate-disturbances adds no effect; leave out --add and --effects")
+        if add or effects or thorough:
+            raise InputError(
+                "diagnose: --estimate-disturbances looks for no effect; leave out --add, --effects and --thorough"
+            )
         levels, section = estimate_levels_of(recording)
         if json:
             print_json(levels)
         else:  # a file of TOML, whose comments say what else is to be known
             results.print(section, soft_wrap=True)
         return
-    diagnosis, result = run_diagnosis(recording, out, effects or (), add=add)
+    diagnosis, result = run_diagnosis(recording, out, effects or (), add=add, thorough=thorough)
     with store_if_there(out) as store:
         is_stored = store is not None and not Path(campaign).is_dir()
         measure_with = measure_more(store, campaign, out) if store is not None and is_stored else None

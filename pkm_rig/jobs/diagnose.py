@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -15,6 +16,7 @@ from calibration.diagnosis.diagnose import (
     diagnose_measurements_and_score,
 )
 from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.twin.folder_twin import FolderTwin
 from calibration.diagnosis.twin.score import TwinScore
 from calibration.diagnosis.twin.twin import Twin
@@ -45,21 +47,21 @@ def try_diagnosis(recording: Recording) -> DiagnosisAttempt:
 
 
 def run_diagnosis(
-    recording: Recording, out: Path, effects: Sequence[Path] = (), *, add: bool = False
+    recording: Recording, out: Path, effects: Sequence[Path] = (), *, add: bool = False, thorough: bool = False
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Run the diagnosis, write its files to `out`/campaign, return the object of docs/reference/diagnosis.schema.json.
 
-    `add`: the rig's twin is written too. Raises InputError.
+    `add`: the rig's twin is written too; `thorough`: no search is left out to save time. Raises InputError.
     """
     catalogue = load_catalogue(tuple(effects))
     readings = drop_unclosed_readings(calibration_part(recording))
     twin_and_score: tuple[Twin, TwinScore] | None = None
     with _named(effects):
         if add:
-            diagnosis, twin, score = diagnose_and_score(readings, catalogue)
+            diagnosis, twin, score = diagnose_and_score(readings, catalogue, work=_work(thorough=thorough))
             twin_and_score = twin, score
         else:
-            diagnosis = diagnose(readings, catalogue)
+            diagnosis = diagnose(readings, catalogue, work=_work(thorough=thorough))
     simulated = readings.file.simulated
     with _writing(out, diagnosis.campaign) as folder:
         files = write_campaign_files(
@@ -81,17 +83,17 @@ def run_diagnosis(
 
 
 def run_folder_diagnosis(
-    measured: MeasuredMachine, out: Path, effects: Sequence[Path] = (), *, add: bool = False
+    measured: MeasuredMachine, out: Path, effects: Sequence[Path] = (), *, add: bool = False, thorough: bool = False
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """The same of a measurement folder, which says nothing of simulated devices. Raises InputError."""
     catalogue = load_catalogue(tuple(effects))
     twin_and_score: tuple[FolderTwin, TwinScore] | None = None
     with _named(effects):
         if add:
-            diagnosis, twin, score = diagnose_measurements_and_score(measured, catalogue)
+            diagnosis, twin, score = diagnose_measurements_and_score(measured, catalogue, work=_work(thorough=thorough))
             twin_and_score = twin, score
         else:
-            diagnosis = diagnose_measurements(measured, catalogue)
+            diagnosis = diagnose_measurements(measured, catalogue, work=_work(thorough=thorough))
     with _writing(out, diagnosis.campaign) as folder:
         files = write_visit_files(additions_by_gain(diagnosis), measured, folder)
         result = diagnosis_json(diagnosis, files) | {"simulated": False}
@@ -104,6 +106,11 @@ def run_folder_diagnosis(
             said = twin_json([effect for effect, _ in twin.effects], score, twin_folder)
             result["twin"] = said | {"predictions": str(twin_folder / PREDICTED_NAME)}
     return diagnosis, result
+
+
+def _work(*, thorough: bool) -> float:
+    """The work of all searches, beyond which none begins."""
+    return math.inf if thorough else VERDICT.search_work
 
 
 @contextmanager

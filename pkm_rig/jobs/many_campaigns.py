@@ -65,7 +65,7 @@ def identify_work(estimator: str, *, robust: bool, draws: int) -> Work:
     return Work("identify", _identify, (check_options(estimator, draws), robust, draws))
 
 
-def diagnose_work(effects: Sequence[Path], *, add: bool) -> Work:
+def diagnose_work(effects: Sequence[Path], *, add: bool, thorough: bool = False) -> Work:
     """Diagnosis of each; files with effects are sent along. InputError if one cannot be read."""
     try:
         texts = [(path.name, path.read_text(encoding="utf-8")) for path in effects]
@@ -73,7 +73,7 @@ def diagnose_work(effects: Sequence[Path], *, add: bool) -> Work:
         raise InputError(f"effects: {error}; check the path") from error
     if len({name for name, _ in texts}) < len(texts):
         raise InputError("effects: two files have the same name; rename one")
-    return Work("diagnose", _diagnose, (texts, add))
+    return Work("diagnose", _diagnose, (texts, add, thorough))
 
 
 def choose(store: Store) -> Chosen:
@@ -174,7 +174,7 @@ def _identify(recording: Recording, estimator: str, robust: bool, draws: int) ->
     return Product(_as_read(identify_with_checks(recording, estimator, robust=robust, draws=draws)))
 
 
-def _diagnose(recording: Recording, effects: Sequence[tuple[str, str]], add: bool) -> Product:
+def _diagnose(recording: Recording, effects: Sequence[tuple[str, str]], add: bool, thorough: bool) -> Product:
     """As `diagnose` does it of one campaign, in a temporary folder, whose files are sent back."""
     from pkm_rig.jobs.diagnose import run_diagnosis  # noqa: PLC0415 - draws, which takes a second to import
 
@@ -186,7 +186,7 @@ def _diagnose(recording: Recording, effects: Sequence[tuple[str, str]], add: boo
             path.write_text(text, encoding="utf-8")
         out = root / "out"
         out.mkdir()
-        _, result = run_diagnosis(recording, out, paths, add=add)
+        _, result = run_diagnosis(recording, out, paths, add=add, thorough=thorough)
         folder = campaign_folder(out, recording.file.campaign)
         files = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
         return Product(_replaced(_as_read(result), str(folder), PLACE), files)

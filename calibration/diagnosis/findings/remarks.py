@@ -167,7 +167,9 @@ def _cut_for_time(found: LevelsAndCauses) -> tuple[str, ...]:
     if names := [name for name in search_result.not_begun_with if name not in included]:
         cut.append(f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did")
     if names := [name for name in found.left_out if name not in included]:
-        cut.append(f"no search began with {_listed(names)}: the others had taken long enough")
+        cut.append(
+            f"no search began with {_listed(names)}: others had taken long enough (diagnose --thorough makes these too)"
+        )
     if len(included) >= VERDICT.max_causes:
         cut.append(f"no more than {VERDICT.max_causes} causes were looked for")
     return (f"to save time {'; '.join(cut)}",) if cut else ()

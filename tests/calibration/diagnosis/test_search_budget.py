@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis import search
-from calibration.diagnosis.diagnose import _begins_of
+from calibration.diagnosis.diagnose import _begins_of, diagnose
 from calibration.diagnosis.search_budget import BY_VISIT, SearchBudget
 from calibration.effects.departures import VISIT
+from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 from tests.calibration.diagnosis.hand_made import INPUTS, Evidence
 
 READINGS = len(INPUTS.context)
@@ -122,3 +123,17 @@ def test_numbers_for_the_visits_of_another_cause_leave_most_coordinates_to_be_ex
     assert search._has_room_for_visits(inputs, [SimpleNamespace(parts=(part,))]) is room
     monkeypatch.setattr(search, "differs_by_visit", lambda _: False)
     assert search._has_room_for_visits(inputs, [SimpleNamespace(parts=(part,))])
+
+
+def test_a_diagnosis_says_what_it_left_out_and_leaves_nothing_out_where_it_may_take_any_work():
+    """Play of one drive, and a scale error of the other."""
+
+    def two_effects(arrivals: Arrivals) -> np.ndarray:
+        off = -2.0e-5 * arrivals.sides
+        off[:, 1] = 3.0e-5 * np.sin(7.0 * arrivals.drives[:, 1])
+        return off
+
+    recording = simulated("planar4", 80, two_effects)
+    of_little, of_any = (diagnose(recording, work=work) for work in (1.0, np.inf))
+    assert "no search began with" in " ".join(of_little.remarks)
+    assert "no search began with" not in " ".join(of_any.remarks)

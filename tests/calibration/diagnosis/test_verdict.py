@@ -333,7 +333,7 @@ def cut_of(*, unrefined=(), not_begun_with=(), causes=("latency",), left_out=())
         ({"not_begun_with": ("a", "b", "c", "d", "e")}, "began with a, b, c and 2 more: 3 stronger"),
         (
             {"left_out": ("payload", BY_VISIT)},
-            "began with payload and effects that are another at each visit: the",
+            "began with payload and effects that are another at each visit: others",
         ),
         ({"causes": ("latency", "latency", "refraction", "payload")}, "no more than 3 causes were looked for"),
     ],

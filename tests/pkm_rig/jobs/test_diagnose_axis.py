@@ -40,7 +40,8 @@ def test_the_command_names_the_delay(run, folder, request):
     assert "compliance: no torque or force was recorded" in shown
 
 
-def test_what_is_for_machines_is_refused(run, folder):
-    done = run("diagnose", folder, "--add")
+@pytest.mark.parametrize("option", ["--add", "--thorough"])
+def test_what_is_for_machines_is_refused(run, folder, option):
+    done = run("diagnose", folder, option)
     assert done.returncode == 2
     assert "are for machines" in done.stderr

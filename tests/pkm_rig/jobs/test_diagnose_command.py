@@ -15,6 +15,7 @@ from rich.console import Console
 
 from calibration.base.errors import InputError
 from calibration.diagnosis.result import Diagnosis
+from calibration.diagnosis.settings import VERDICT
 from calibration.machine.description import shipped_machine
 from calibration.recording.folder import read_folder
 from calibration.recording.header import DeclaredLevels
@@ -366,3 +367,20 @@ def test_a_twin_that_is_not_there_is_one_line(run, tmp_path):
     done = run("mock", "--rig", embedded_rig_path(), "--twin", "nothing", "--out", tmp_path)
     assert done.returncode == 2
     assert "pkm-rig diagnose nothing --add" in done.stderr
+
+
+@pytest.mark.parametrize("options", [{}, {"add": True}])
+def test_a_thorough_one_leaves_out_no_search(monkeypatch, folder, tmp_path, options):
+    """Whether the twin is written or not."""
+    asked = []
+
+    def asked_for(*_, work):
+        asked.append(work)
+        raise InputError("enough")
+
+    for name in ("diagnose", "diagnose_and_score"):
+        monkeypatch.setattr(diagnose, name, asked_for)
+    for thorough in (False, True):
+        with pytest.raises(InputError, match="enough"):
+            diagnose.run_diagnosis(read_folder(folder), tmp_path, thorough=thorough, **options)
+    assert asked == [VERDICT.search_work, np.inf]

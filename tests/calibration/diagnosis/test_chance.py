@@ -103,6 +103,16 @@ def test_what_comes_at_one_time_or_place_or_to_one_reflector_does_not_come_by_ch
     assert not come_by_chance(linear, of_one)
 
 
+def test_what_leaves_one_reflector_out_does_not_come_by_chance(linear):
+    """The others have hardly more than all three would."""
+    rows = np.flatnonzero(linear.on_platform)
+    far = np.zeros(len(linear.smr), dtype=bool)
+    of_others = rows[linear.smr[rows] != linear.smr[rows[0]]]
+    far[np.random.default_rng(3).choice(of_others, 40, replace=False)] = True
+    assert not come_by_chance(linear, far)
+    assert come_by_chance(linear, rows_of(linear, 40))
+
+
 def test_more_than_fifteen_per_cent_are_too_many(linear):
     count = int(0.14 * len(linear.smr))
     assert come_by_chance(linear, rows_of(linear, count))

@@ -25,7 +25,7 @@ from mock_devices.recordings.design import DesignOptions, draw_design
 from mock_devices.recordings.files import write_recording
 from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import DisturbanceLevels, MockSettings
-from pkm_rig.jobs import diagnose
+from pkm_rig.jobs import diagnose, many_campaigns
 from pkm_rig.report import diagnosis_text
 from pkm_rig.report.diagnosis_json import diagnosis_attempt_json
 from pkm_rig.report.diagnosis_text import diagnosis_line
@@ -371,7 +371,7 @@ def test_a_twin_that_is_not_there_is_one_line(run, tmp_path):
 
 @pytest.mark.parametrize("options", [{}, {"add": True}])
 def test_a_thorough_one_leaves_out_no_search(monkeypatch, folder, tmp_path, options):
-    """Whether the twin is written or not."""
+    """Whether the twin is written or not, of one campaign or of all."""
     asked = []
 
     def asked_for(*_, work):
@@ -383,4 +383,6 @@ def test_a_thorough_one_leaves_out_no_search(monkeypatch, folder, tmp_path, opti
     for thorough in (False, True):
         with pytest.raises(InputError, match="enough"):
             diagnose.run_diagnosis(read_folder(folder), tmp_path, thorough=thorough, **options)
-    assert asked == [VERDICT.search_work, np.inf]
+        with pytest.raises(InputError, match="enough"):
+            many_campaigns._diagnose(read_folder(folder), [], bool(options), thorough)
+    assert asked == [VERDICT.search_work] * 2 + [np.inf] * 2

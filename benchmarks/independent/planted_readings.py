@@ -23,11 +23,11 @@ def with_gross(recording: Recording, rng: np.random.Generator) -> Recording:
     return replace(recording, columns=with_gross_readings(recording.columns, COUNT, rng))
 
 
-def with_far(recording: Recording, rng: np.random.Generator) -> Recording:
+def with_far(recording: Recording, rng: np.random.Generator, sigmas: tuple[float, float] = FAR_SIGMAS) -> Recording:
     """The recording with a share of readings off by more than noise and less than gross, in any direction."""
     rows = rng.choice(len(recording), round(FAR_SHARE * len(recording)), replace=False)
     away = rng.standard_normal((len(rows), 3))
-    away *= rng.uniform(*FAR_SIGMAS, (len(rows), 1)) / np.linalg.norm(away, axis=1, keepdims=True)
+    away *= rng.uniform(*sigmas, (len(rows), 1)) / np.linalg.norm(away, axis=1, keepdims=True)
     by_m = np.einsum("nij,nj->ni", np.linalg.cholesky(recording.covariances_m2[rows]), away)
     return replace(recording, columns=moved_readings(recording.columns, rows, by_m))
 

@@ -5,17 +5,15 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import shutil
 from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from benchmarks.independent import final_runs, planted_readings, run
+from benchmarks.independent import final_runs, run
 from benchmarks.independent.final_runs import MOST, NoFinalRun
 from benchmarks.independent.pack import packed_arrays, write_archive
-from benchmarks.independent.planted_readings import PLANTED
 from benchmarks.independent.recordings import FILES, NoRecordings, copy_recordings, names_of
 from benchmarks.independent.scorer import score
 from benchmarks.independent.table import figures, misjudged
@@ -25,7 +23,6 @@ from benchmarks.withheld import sealing
 from benchmarks.withheld.scorer import Tampered
 from benchmarks.withheld.statistics import excess_calibration_error
 from calibration.base.frame import station_frame
-from calibration.recording.folder import read_folder
 
 ROOT = Path(__file__).parents[2]
 HEADER = """
@@ -359,29 +356,3 @@ def test_measures_are_counted_by_hand(tmp_path):
     assert "backlash at left,right (raw 5.0, visible 4.0): unknown (unknown 0.999, backlash 0.001)" in listed[0]
     assert any("below the sizes that count" in line for line in listed)
     assert any("latency at right (raw 5.0, visible 4.0): InputError: x" in line for line in listed)
-
-
-def test_six_gross_readings_are_planted_the_same_each_time(tmp_path):
-    for name in ("a", "b"):
-        shutil.copytree(ROOT / "tests/data/version_0_1/recording", tmp_path / name / "rec002")
-        PLANTED["gross"](tmp_path / name / "rec002")
-    before = read_folder(ROOT / "tests/data/version_0_1/recording")
-    after, again = (read_folder(tmp_path / name / "rec002") for name in ("a", "b"))
-    off = np.linalg.norm(after.positions_m - before.positions_m, axis=1)
-    assert np.sum(off > 0.0) == 6
-    assert np.all((off[off > 0.0] > 0.99e-4) & (off[off > 0.0] < 1.01e-2))
-    np.testing.assert_array_equal(after.positions_m, again.positions_m)
-    np.testing.assert_allclose(after["slope_distance_m"], np.linalg.norm(after.positions_m, axis=1), atol=1e-4)
-    assert np.sum(after["hz_rad"] != before["hz_rad"]) <= 6
-
-
-def test_one_reading_in_twenty_is_planted_far_off():
-    before = read_folder(ROOT / "tests/data/version_0_1/recording")
-    after = planted_readings.with_far(before, np.random.default_rng(4))
-    by_m = after.positions_m - before.positions_m
-    rows = np.flatnonzero(np.any(by_m != 0.0, axis=1))
-    assert len(rows) == round(0.05 * len(before))
-    by_sigmas = np.linalg.solve(np.linalg.cholesky(before.covariances_m2[rows]), by_m[rows][:, :, None])
-    sigmas = np.linalg.norm(by_sigmas, axis=(1, 2))
-    assert 4.9 < np.min(sigmas) < 7.0
-    assert 10.0 < np.max(sigmas) < 12.1

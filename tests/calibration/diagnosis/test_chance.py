@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
+from benchmarks.independent.planted_readings import with_far
 from calibration.diagnosis.chance import are_by_chance
 from calibration.diagnosis.diagnose import _diagnose_with_models, diagnose
 from calibration.diagnosis.linear_model import linearise_recording
@@ -41,29 +40,23 @@ def play(arrivals: Arrivals) -> np.ndarray:
     return off
 
 
-def with_far_readings(recording: Recording, share: float) -> Recording:
-    """A share of the readings is 6 to 13 standard deviations off in any direction: more than noise, less than gross."""
-    rng = np.random.default_rng(7)
-    rows = rng.choice(len(recording), round(share * len(recording)), replace=False)
-    away = rng.standard_normal((len(rows), 3))
-    away *= rng.uniform(6.0, 13.0, (len(rows), 1)) / np.linalg.norm(away, axis=1, keepdims=True)
-    position = recording.positions_m.copy()
-    position[rows] += np.einsum("nij,nj->ni", np.linalg.cholesky(recording.covariances_m2[rows]), away)
-    return replace(recording, columns=dict(recording.columns) | {f"{a}_m": position[:, k] for k, a in enumerate("xyz")})
+def with_far_readings(recording: Recording) -> Recording:
+    """One reading in twenty is off by 7 to 13 standard deviations: more than noise, less than gross."""
+    return with_far(recording, np.random.default_rng(7), (7.0, 13.0))
 
 
 @pytest.mark.parametrize(("off", "verdict"), [(None, "none"), (play, "backlash")])
 def test_many_readings_that_are_far_off_by_chance_do_not_change_the_verdict(off, verdict):
-    """5 %, where 2.5 % were too many to be wrong."""
+    """Where 2.5 % that are beyond six were too many to be wrong."""
     made = simulated("planar4", 120, off)
-    found = diagnose(with_far_readings(made, 0.05))
+    found = diagnose(with_far_readings(made))
     assert found.verdict == verdict
     assert len(found.left_out) > 0.025 * len(made)
 
 
 def test_such_readings_are_found_before_the_search_and_beside_the_causes():
     """Where they were not judged before, the search finds what is wrong in them, and is made again."""
-    made = with_far_readings(simulated("planar4", 120, play), 0.05)
+    made = with_far_readings(simulated("planar4", 120, play))
     count = len(linearise_recording(made).wrong)
     assert count > 0.025 * len(made)
     found = _diagnose_with_models(linearise_recording(made, judge=False), None).diagnosis

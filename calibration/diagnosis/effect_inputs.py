@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -16,10 +17,11 @@ from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.periodogram import COMMON_M, SHORTEST_M, Periodogram
 from calibration.effects.api import EffectInputs, Periods
 from calibration.effects.basis_functions import cosine_basis
+from calibration.effects.columns import Contributions
 from calibration.machine.sensitivity import Sensitivity
 
 ONSETS_APART_S = 40.0
-MAX_ONSETS, MAX_FURTHER_ONSETS = 6, 2
+MAX_ONSETS, MAX_FURTHER_ONSETS, MAX_ONSETS_OF_STRENGTH = 6, 2, 3
 CHANGING_BY_CHANCE, MOST_CHANGING_PERIODS = 1.0e-9, 3  # of a wave that changes, at each of millions of frequencies
 CHANGING_S = 900.0  # in which what motions have warmed cools again
 Onsets = Callable[[Sequence[str]], list[tuple[float, float]]]
@@ -52,7 +54,11 @@ def inputs_of_recording(likelihood: MarginalLikelihood, periodograms: tuple[Peri
     def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
         return strongest_onsets(likelihood, channels)
 
-    return inputs_of_readings(likelihood.linear, likelihood.channels, periods, onsets)
+    def strength_onsets(_: str, column: Contributions) -> list[tuple[float, float]]:
+        return strongest_onsets_of_strength(likelihood, column)
+
+    inputs = inputs_of_readings(likelihood.linear, likelihood.channels, periods, onsets)
+    return replace(inputs, strength_onsets=strength_onsets)
 
 
 def inputs_of_readings(observed: ObservedModel, channels: Channels, periods: Periods, onsets: Onsets) -> EffectInputs:
@@ -151,17 +157,35 @@ def strongest_onsets(likelihood: MarginalLikelihood, channels: Sequence[str]) ->
     The likelihood ratio of a step at every arrival, a constant projected out; peaks at least ONSETS_APART_S apart. The
     last of them are the most likely ones beside a step at the first: what comes back hides in a single step.
     """
+    order = np.argsort(likelihood.linear.context.t_s, kind="stable")
+    sums = [_sums_from_each(likelihood, likelihood.response(channel), order) for channel in channels]
+    return _likeliest_steps(likelihood, sums, order, MAX_ONSETS, MAX_FURTHER_ONSETS)
+
+
+def strongest_onsets_of_strength(likelihood: MarginalLikelihood, column: Contributions) -> list[tuple[float, float]]:
+    """The same of a column, which is projected out as the constant is there: times when its strength changes."""
+    order = np.argsort(likelihood.linear.context.t_s, kind="stable")
+    shifts = np.sum([likelihood.response(channel) * shape[:, None] for channel, shape in column], axis=0)
+    return _likeliest_steps(likelihood, [_sums_from_each(likelihood, shifts, order)], order, MAX_ONSETS_OF_STRENGTH, 0)
+
+
+def _likeliest_steps(
+    likelihood: MarginalLikelihood,
+    sums: Sequence[tuple[Array, Array]],
+    order: NDArray[np.intp],
+    most: int,
+    further: int,
+) -> list[tuple[float, float]]:
+    """The most likely steps, and further ones beside the first, with their prior."""
     context = likelihood.linear.context
-    order = np.argsort(context.t_s, kind="stable")
     t = context.elapsed_s[order]
-    sums = [_sums_from_each(likelihood, channel, order) for channel in channels]
     arrivals = np.flatnonzero(np.diff(context.arrival[order], prepend=-1) != 0)
     arrivals = arrivals[t[arrivals] > 0.0]
     rows: list[int] = []
-    for beside, most in ((0, MAX_ONSETS), (1, MAX_ONSETS + MAX_FURTHER_ONSETS)):
+    for beside, end in ((0, most), (1, most + further)):
         gain = _gain_of_step(sums, sorted(rows[:beside]), len(t))
         for row in arrivals[np.argsort(gain[arrivals])[::-1]]:
-            if len(rows) == most:
+            if len(rows) == end:
                 break
             if all(abs(_between(t, row) - _between(t, other)) > ONSETS_APART_S for other in rows):
                 rows.append(int(row))
@@ -173,11 +197,10 @@ def _between(t_s: Array, row: int) -> float:
     return 0.5 * float(t_s[row] + t_s[row - 1])
 
 
-def _sums_from_each(likelihood: MarginalLikelihood, channel: str, order: NDArray[np.intp]) -> tuple[Array, Array]:
-    """Information and score (n + 1,) of a channel over all readings from each one on, in an order."""
-    response = likelihood.response(channel)[order]
-    information = np.sum(response**2, axis=1)
-    score = np.sum(response * likelihood.weighted_residual[order], axis=1)
+def _sums_from_each(likelihood: MarginalLikelihood, shifts: Array, order: NDArray[np.intp]) -> tuple[Array, Array]:
+    """Information and score (n + 1,) of shifts (n, w) over all readings from each one on, in an order."""
+    information = np.sum(shifts[order] ** 2, axis=1)
+    score = np.sum(shifts[order] * likelihood.weighted_residual[order], axis=1)
     information_from, score_from = (np.append(np.cumsum(x[::-1])[::-1], 0.0) for x in (information, score))
     return information_from, score_from
 

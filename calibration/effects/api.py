@@ -99,7 +99,8 @@ class EffectInputs:
     (n, 3): the measured points in the station's frame. periods: of what errs along a drive, between a shortest and a
     longest in m, the most prominent spatial periods over its coordinate, or over all drives' coordinates each times its
     weight (d,), with the prior probability of each; onsets: of some channels, the most likely times,
-    in s since the campaign's start, of a lasting change, also with prior probabilities.
+    in s since the campaign's start, of a lasting change, also with prior probabilities; strength_onsets: the same of a
+    lasting change of a column's strength, by a name of the column that no other has.
     """
 
     machine: Machine
@@ -113,6 +114,7 @@ class EffectInputs:
     periods: Periods
     onsets: Callable[[Sequence[str]], Sequence[tuple[float, float]]]
     payload_elongation_m: Mapping[str, Array] = field(default_factory=dict)
+    strength_onsets: Callable[[str, Contributions], Sequence[tuple[float, float]]] = lambda name, column: ()
 
     def drive(self, index: int) -> str:
         """Name of a drive."""

@@ -22,6 +22,7 @@ SWINGS_RAD_PER_S, CALMS_S = (0.9, 1.4, 2.2), 12.0  # of what swings after a stop
 REST_TERMS, MOVING_WEIGHT, STOPPED_M_PER_S = 4, 0.2, 0.5  # of a centre that moves on after a stop, from this speed
 AGE_TERMS, PLACE_TERMS, CHANGING_WEIGHT = 4, 2, 0.2  # of a load that changes in time or with the place
 FINE_TERMS, FINE_WEIGHT = 16, 0.1  # of a centre that slides about
+SLIPPED_WEIGHT = 0.5  # of one that slips once
 COURSE_TERMS, YIELDING_TERMS = 32, 8  # of what comes onto the platform and goes; of what its weight makes of struts
 LEAST_LOAD_SHARE = 1e-3  # of the largest payload: less is none
 MOUNTINGS = 6  # terms of what may be otherwise each time
@@ -88,10 +89,27 @@ def _add_changing_loads(sets: BasisSets, inputs: EffectInputs, mounted: Array) -
     # What comes and goes, with any payload or none: parts that wait, coolant that stands on the platform.
     lying = sets.add(("payload.mass", any_course(inputs.context.elapsed_s, COURSE_TERMS)))
     sets.add_set(lying, _by_strut(sets, inputs, lying[:YIELDING_TERMS]), weight=FINE_WEIGHT)
+    _add_slipped(sets, inputs, mounted)
     finely = any_course(inputs.context.elapsed_s, FINE_TERMS)
     slid = _moment_of_centre(inputs, mounted)[:, None] * finely
     if sliding := [c for channel in _of_centre(inputs) for c in sets.add((channel, slid))]:
         sets.add_set(sliding, _by_strut(sets, inputs, sliding[:1]), weight=FINE_WEIGHT)
+
+
+def _add_slipped(sets: BasisSets, inputs: EffectInputs, mounted: Array) -> None:
+    """A centre that is beside the stated one, and slips at a moment to where it lies whenever it is mounted."""
+    moment = _moment_of_centre(inputs, mounted)
+    centre = [c for channel in _of_centre(inputs) for c in sets.add((channel, moment), form="slipped")]
+    of_moments = {
+        onset_s: prior
+        for column in centre
+        for onset_s, prior in inputs.strength_onsets(f"payload.slipped.{column}", sets.contributions[column])
+    }
+    for onset_s, prior in of_moments.items():
+        after = moment * (inputs.context.elapsed_s >= onset_s)
+        slipped = [c for channel in _of_centre(inputs) for c in sets.add((channel, after), form="slipped")]
+        beside = _by_strut(sets, inputs, [*centre, *slipped])
+        sets.add_set((*centre, *slipped), beside, weight=SLIPPED_WEIGHT * prior, onset_s=onset_s)
 
 
 def _by_side(inputs: EffectInputs) -> Array:

@@ -22,6 +22,7 @@ from calibration.diagnosis.place_evidence import smallest_size
 from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import EffectInputs, EffectParameter
+from calibration.effects.columns import Contributions
 
 STEPS = 8  # of the fine grid to each side of the reported value
 MOST_ALIASES = 5
@@ -108,12 +109,19 @@ def _refine(inputs: EffectInputs, reported: float) -> EffectInputs:
         return _replace(inputs.periods(drive, shortest_m, longest_m, over), reported, fine)
 
     def onsets(channels: Sequence[str]) -> list[tuple[float, float]]:
-        arrived_s = np.unique(inputs.context.history.arrived_s - inputs.context.start_s)
-        between = 0.5 * (arrived_s[1:] + arrived_s[:-1])
-        nearest = np.argsort(np.abs(between - reported), kind="stable")[: len(steps)]
-        return _replace(inputs.onsets(channels), reported, between[nearest])
+        return _replace(inputs.onsets(channels), reported, _arrivals_around(inputs, reported))
 
-    return replace(inputs, periods=periods, onsets=onsets)
+    def strength_onsets(name: str, column: Contributions) -> list[tuple[float, float]]:
+        return _replace(inputs.strength_onsets(name, column), reported, _arrivals_around(inputs, reported))
+
+    return replace(inputs, periods=periods, onsets=onsets, strength_onsets=strength_onsets)
+
+
+def _arrivals_around(inputs: EffectInputs, reported_s: float) -> Array:
+    """Middles between arrivals around a moment."""
+    arrived_s = np.unique(inputs.context.history.arrived_s - inputs.context.start_s)
+    between = 0.5 * (arrived_s[1:] + arrived_s[:-1])
+    return np.asarray(between[np.argsort(np.abs(between - reported_s), kind="stable")[: 2 * STEPS + 1]])
 
 
 def _replace(answers: Sequence[tuple[float, float]], reported: float, fine: Array) -> list[tuple[float, float]]:

@@ -27,7 +27,7 @@ LARGEST_PLACE_M = 1e4
 LARGEST_UNKNOWN = 10.0  # m, rad, ratios, K: no machine is further from its file
 NOT_A_ROTATION = 1e-6
 MOST_ADDED, MOST_ANSWERS, MOST_CHANNELS, MOST_TABLES, MOST_DEPARTURES = 64, 1000, 1000, 1000, 1000
-Question = TypeVar("Question", PeriodQuestion, OnsetQuestion)
+Question = TypeVar("Question", PeriodQuestion, OnsetQuestion, str)
 
 
 def to_data(campaign: TwinCampaign, fitted_machine: FittedMachine, added: Sequence[TwinEffect]) -> dict[str, Any]:
@@ -68,6 +68,8 @@ def _twin_effect_data(added: TwinEffect) -> dict[str, Any]:
         "periods_asked": [[*question, *over] for *question, over in answers.periods_m],
         "onsets_s": [list(values) for values in answers.onsets_s.values()],
         "onsets_asked": [list(question) for question in answers.onsets_s],
+        "strength_onsets_s": [list(values) for values in answers.strength_onsets_s.values()],
+        "strength_onsets_asked": list(answers.strength_onsets_s),
     }
 
 
@@ -182,11 +184,13 @@ def _twin_effect(campaign: TwinCampaign, data: Mapping[str, Any], catalogue: Cat
     coefficients = tuple(_float_array("coefficients", data["coefficients"], count).tolist())
     curve = _curve(data["curve"])
     periods_m, onsets_s = _values(data["periods_m"], 1e-9), _values(data["onsets_s"], -LARGEST)
+    strength_onsets_s = _values(data.get("strength_onsets_s", []), -LARGEST)  # former versions had none
 
     drives = len(campaign.machine.drive_names)
     answers = RecordedAnswers(
         _by_question([_period_question(asked, drives) for asked in data["periods_asked"]], periods_m),
         _by_question([_onset_question(asked) for asked in data["onsets_asked"]], onsets_s),
+        _by_question(_column_names(data.get("strength_onsets_asked", [])), strength_onsets_s),
     )
     column_rms = tuple(_float_array("column_rms", data["column_rms"], count).tolist())
     return TwinEffect(effect.name, place, columns, curve, departures, coefficients, answers, column_rms)
@@ -247,6 +251,12 @@ def _period_question(asked: Any, drives: int) -> PeriodQuestion:
     count = 2 if len(numbers) == 2 else 2 + drives
     shortest_m, longest_m, *over = _float_array("periods_asked", numbers, count).tolist()
     return drive, shortest_m, longest_m, tuple(over)
+
+
+def _column_names(asked: Any) -> list[str]:
+    if not isinstance(asked, list) or not all(isinstance(name, str) for name in asked):
+        raise ValueError("'strength_onsets_asked' must hold names of columns only")
+    return asked
 
 
 def _onset_question(asked: Any) -> OnsetQuestion:

@@ -29,7 +29,8 @@ def with_varying_strength(effect: Effect) -> Effect:
     textbook, exact_forms = effect.textbook, effect.forms
     if textbook is None or not effect.varies_with:
         return effect
-    in_time = "time" in effect.varies_with
+    repeats = "phase" in effect.varies_with  # a wave of any phase is no single column
+    in_time = "time" in effect.varies_with and not repeats
 
     def forms(inputs: EffectInputs, place: int) -> BasisSets:
         built = exact_forms(inputs, place)
@@ -39,21 +40,21 @@ def with_varying_strength(effect: Effect) -> Effect:
         if len(exact) <= MOST_FORMS:
             _add(built, exact, functions_of_strength(inputs, effect, place))
             if in_time and "t_s" not in inputs.context.not_said:
-                _add_changing(built, exact, inputs, f"{effect.name}.{place}")
+                _add_changing(built, exact, inputs, f"{effect.name}.{place}", textbook.form)
         return built
 
     others = effect.others if not in_time or ONSET in effect.others else (*effect.others, ONSET)
     return replace(effect, forms=forms, others=others)
 
 
-def _add_changing(built: BasisSets, exact: Mapping[int, BasisSet], inputs: EffectInputs, name: str) -> None:
+def _add_changing(built: BasisSets, exact: Mapping[int, BasisSet], inputs: EffectInputs, name: str, form: str) -> None:
     """Of each column that is the form alone, the form with another strength from a moment on."""
     t = inputs.context.elapsed_s
     for column, basis_set in exact.items():
         contributions = built.contributions[column]
         for onset_s, prior in inputs.strength_onsets(f"{name}.{column}", contributions):
             after = (t >= onset_s).astype(np.float64)
-            (changed,) = built.add(*((channel, shape * after) for channel, shape in contributions))
+            (changed,) = built.add(*((c, shape * after) for c, shape in contributions), form=f"{form}_changed")
             built.sets.append(
                 replace(
                     basis_set,

@@ -1,6 +1,6 @@
 """Makes an archive of recordings of another simulator (docs/explanation/other-simulator.md).
 
-    python -m benchmarks.other_simulator --archive first|second|space|third|fourth|fifth|sixth|seventh|eighth
+    python -m benchmarks.other_simulator --archive first|second|space|third|fourth|fifth|sixth|seventh|eighth|ninth
         --out FOLDER [--n N] [--processes 1]
 
 Writes FOLDER/recordings.tar.xz in the form that `make independent DATA=FOLDER` reads, of the first N recordings or of

@@ -17,10 +17,15 @@ from benchmarks.other_simulator.forms import (
     fourth_machine,
     fourth_readings,
     guides,
+    ninth_drives,
+    ninth_machine,
+    ninth_readings,
+    ninth_struts,
     outside_eighth,
     outside_fifth,
     outside_first,
     outside_fourth,
+    outside_ninth,
     outside_second,
     outside_seventh,
     outside_sixth,
@@ -44,8 +49,8 @@ from benchmarks.other_simulator.forms import (
 from benchmarks.other_simulator.forms.form import Form
 
 FIRST, SECOND, SPACE, THIRD = "first", "second", "space", "third"
-FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH = "fourth", "fifth", "sixth", "seventh", "eighth"
-ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH)
+FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH, NINTH = "fourth", "fifth", "sixth", "seventh", "eighth", "ninth"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH, NINTH)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -82,6 +87,10 @@ _OWN: dict[str, dict[str, tuple[Form, ...]]] = {
     EIGHTH: {
         **eighth_struts.FORMS, **eighth_machine.FORMS, **eighth_drives.FORMS, **eighth_readings.FORMS,
         OUTSIDE: outside_eighth.FORMS,
+    },
+    NINTH: {
+        **ninth_struts.FORMS, **ninth_machine.FORMS, **ninth_drives.FORMS, **ninth_readings.FORMS,
+        OUTSIDE: outside_ninth.FORMS,
     },
 }  # fmt: skip
 _SOURCES = {archive: (archive,) for archive in _OWN} | {SPACE: (FIRST, SECOND)}

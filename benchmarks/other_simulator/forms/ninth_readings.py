@@ -126,11 +126,12 @@ def plastic_post_recovers_after_knock(scene: Scene, smr: int, rng: Generator) ->
 
 
 @form(DELAYED_M)
-def stamped_with_last_tick(scene: Scene, place: int, rng: Generator) -> Contribution:
-    """Readings get the time of the last tick of a coarse clock: each is late by what has passed since that, anything
-    between nothing and a whole tick."""
-    tick_s = rng.choice([0.1, 0.25, 0.5, 1.0]) * (1 + rng.uniform(-1e-4, 1e-4))
-    return delayed(scene, draw_sign(rng) * ((scene.rows.t_s / tick_s + rng.uniform(0, 1)) % 1))
+def filter_set_with_each_payload(scene: Scene, place: int, rng: Generator) -> Contribution:
+    """Whoever mounts a payload calls up its parameters, and the filter that positions pass on their way out is one of
+    them: with each payload they come by another delay, the same whenever that is carried."""
+    payload = scene.rows.payload
+    delays = rng.permutation(np.linspace(rng.uniform(0, 0.3), 1, int(payload.max()) + 1))
+    return delayed(scene, draw_sign(rng) * delays[payload])
 
 
 @form(AVERAGED_M)
@@ -165,11 +166,13 @@ def each_strut_wound_otherwise(scene: Scene, place: int, rng: Generator) -> Cont
 
 
 @form(MASS_KG)
-def weighed_on_a_wrong_scale(scene: Scene, place: int, rng: Generator) -> Contribution:
-    """All payloads were weighed on one scale that was not adjusted: each is off by the same share of itself, the heavy
-    one by more than the light one."""
-    stated_kg = scene.rows.stated_payload_kg
-    return Contribution(payload_kg=draw_sign(rng) * stated_kg / max(float(stated_kg.max()), 1e-9))
+def fixture_stays_on_without_payload(scene: Scene, place: int, rng: Generator) -> Contribution:
+    """The fixture that holds the payloads was weighed with each of them, and stays on when there is none: what is then
+    stated to be nothing hangs to one side of the platform."""
+    machine = scene.machine
+    bare = (scene.rows.payload == 0).astype(float)
+    aside = level_direction(machine) * draw_sign(rng) * rng.uniform(0.001, 0.004)  # for each kilogram
+    return Contribution(payload_kg=bare, payload_centre_m=np.outer(bare, aside))
 
 
 @form(OFF_M)
@@ -218,8 +221,8 @@ FORMS: dict[str, tuple[Form, ...]] = {
     "tracker_drift": (cart_parked_next_to_it, its_base_slips_as_its_head_slews),
     "refraction": (shielding_gas_gathers_in_hall, air_boils_over_warm_floor),
     "smr_reseat": (tips_between_two_seats, plastic_post_recovers_after_knock),
-    "latency": (stamped_with_last_tick, averaged_over_a_fixed_way),
+    "latency": (filter_set_with_each_payload, averaged_over_a_fixed_way),
     "expansion_coefficient": (entered_by_degree_fahrenheit, each_strut_wound_otherwise),
-    "payload": (weighed_on_a_wrong_scale, paste_creeps_downhill),
+    "payload": (fixture_stays_on_without_payload, paste_creeps_downhill),
     "tables_left_on": (held_from_node_to_node, partner_taken_as_standing_still),
 }

@@ -50,8 +50,9 @@ def circles_off_their_centres(scene: Scene, place: int, rng: Generator) -> Contr
 
 @form()
 def light_by_way_of_wet_floor(scene: Scene, place: int, rng: Generator) -> Contribution:
-    """Where the floor is wet a part of the light comes back by way of it, as from a mirror: distances are too long and
-    too short in turn, by how much longer that way is, which goes with the height; once it is dry they are right."""
+    """Where the floor is wet a part of the light comes back by way of it, as from a mirror: distances are too
+    long and too short in turn, by how much longer that way is, which goes with the height; once it is dry they are
+    nearly right."""
     sight, distances = sight_of(scene)
     below_m = -scene.sights_m[:, 2].min() + rng.uniform(0.1, 0.4)  # height of the station above the floor
     longer_m = 2 * max(below_m, 0.5) * (scene.sights_m[:, 2] + max(below_m, 0.5)) / distances

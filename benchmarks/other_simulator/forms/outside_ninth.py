@@ -21,7 +21,6 @@ from benchmarks.other_simulator.forms.shapes import (
     since,
     with_platform,
 )
-from benchmarks.other_simulator.forms.station import UP
 from benchmarks.other_simulator.forms.traces import draw_stretches
 from benchmarks.other_simulator.scene import Scene
 from benchmarks.other_simulator.state import Equilibrium
@@ -35,24 +34,22 @@ DIGIT_M = 4e-4  # largest step of what is written
 
 
 @form()
-def circles_off_their_centres(scene: Scene, place: int, rng: Generator) -> Contribution:
-    """Both circles of the station sit beside their axes: directions are off by a sine of a whole turn, each by its own,
-    and by as much whenever it looks the same way."""
+def head_of_circle_fails_at_times(scene: Scene, place: int, rng: Generator) -> Contribution:
+    """The station's level circle sits beside its axis, which two reading heads opposite to each other make up for; at
+    times one of them fails, and directions are off by a sine of a whole turn, in either sense to left and right."""
     sight, distances = sight_of(scene)
-    azimuth, elevation = np.arctan2(sight[:, 0], sight[:, 1]), np.arcsin(sight[:, 2])
-    level, upright = np.sin(azimuth + draw_phase(rng)), np.sin(elevation + draw_phase(rng))
-    second = rng.uniform(0.2, 0.5) * np.sin(2 * azimuth + draw_phase(rng))  # an oval circle
-    return Contribution(
-        sights_m=across_sight(sight, distances) * ((level + second) * distances / 4)[:, None]
-        + np.outer(rng.uniform(0.3, 1) * upright * distances / 4, UP)
-    )
+    azimuth = np.arctan2(sight[:, 0], sight[:, 1])
+    right_at = float(np.median(azimuth)) + rng.uniform(-0.25, 0.25)
+    fails = draw_stretches(scene.rows, (2, 5), (0.12, 0.3), rng)
+    error = draw_sign(rng) * 2 * np.sin(azimuth - right_at) * fails
+    return Contribution(sights_m=across_sight(sight, distances) * (error * distances / 4)[:, None])
 
 
 @form()
 def light_by_way_of_wet_floor(scene: Scene, place: int, rng: Generator) -> Contribution:
-    """Where the floor is wet a part of the light comes back by way of it, as from a mirror: distances are too
-    long and too short in turn, by how much longer that way is, which goes with the height; once it is dry they are
-    nearly right."""
+    """Where the floor is wet a part of the light comes back by way of it, as from a mirror: distances are too long and
+    too short in turn, by how much longer that way is, which goes with the height; once it is dry they are nearly
+    right."""
     sight, distances = sight_of(scene)
     below_m = -scene.sights_m[:, 2].min() + rng.uniform(0.1, 0.4)  # height of the station above the floor
     longer_m = 2 * max(below_m, 0.5) * (scene.sights_m[:, 2] + max(below_m, 0.5)) / distances
@@ -194,7 +191,7 @@ def seat_of_one_joint_slips(scene: Scene, place: int, rng: Generator) -> Contrib
 
 
 FORMS: tuple[Form, ...] = (
-    circles_off_their_centres, light_by_way_of_wet_floor, exported_with_too_few_digits, frame_of_platform_shears,
+    head_of_circle_fails_at_times, light_by_way_of_wet_floor, exported_with_too_few_digits, frame_of_platform_shears,
     suction_hose_shortens_while_on, dips_into_its_bath, forgotten_sling_goes_taut, hot_workpiece_spreads_platform,
     magnets_of_table_draw_platform, seat_of_one_joint_slips,
 )  # fmt: skip

@@ -66,6 +66,8 @@ def exported_with_too_few_digits(scene: Scene, place: int, rng: Generator) -> Co
     sights_m = scene.sights_m + origin_m
 
     def rounded(_: Equilibrium, amplitude: float) -> Contribution:
+        if amplitude == 0:
+            return Contribution()
         return Contribution(sights_m=amplitude * np.round(sights_m / amplitude) - sights_m)
 
     return Contribution(under_load=rounded)

@@ -21,7 +21,9 @@ from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs
 from calibration.effects.columns import ColumnsByChannel, Contributions
 
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
-MOST_COLUMNS = 15  # of a basis set: more are any function, which is another at each place
+MOST_COLUMNS = 15  # of a basis set with coefficients of each place: more are any function, which is another at each
+MOST_IN_COMMON = 100  # of one with common ones only, as of the course of a heater that shines on all of them
+SHARES = 0.5  # standard deviation of what a place has of common coefficients, over the mean
 LIKELIEST = 4  # sets, by what they explain with common coefficients and at each place alone, that get their own ones
 
 
@@ -36,10 +38,12 @@ class PartAlike:
 
 @dataclass(frozen=True)
 class AlikeAtAllPlaces:
-    """Log evidence over `none` that an effect is at all of its places alike; its parts in the likeliest basis set."""
+    """Log evidence over `none` that an effect is at all of its places alike; its parts in the likeliest basis set, and
+    whether they have their coefficients in common."""
 
     log_evidence: float
     parts: tuple[PartAlike, ...]
+    in_common: bool = False
 
 
 def alike_at_all_places(
@@ -60,9 +64,13 @@ def alike_at_all_places(
     in_common = evidence_of_basis_sets(columns, joined.sets, low, effect.size.high)
     found = [_Spread(k, one.basis_set.weight, 1.0, one) for k, one in zip(joined.numbers, in_common, strict=True)]
     alone = np.sum(at_each, axis=0)
+    found += _by_shares(
+        likelihood, built, max(found, key=lambda each: each.evidence.log_evidence), low, effect.size.high
+    )
+    few = [each for each in found if len(built[0].sets[each.number].columns) <= MOST_COLUMNS]
     for number in {
-        *(each.number for each in sorted(found, key=lambda each: -each.evidence.log_evidence)[:LIKELIEST]),
-        *sorted(joined.numbers, key=lambda k: -alone[k])[:LIKELIEST],
+        *(each.number for each in sorted(few, key=lambda each: -each.evidence.log_evidence)[:LIKELIEST]),
+        *sorted((each.number for each in few), key=lambda k: -alone[k])[:LIKELIEST],
     }:
         found += _spread_over_places(likelihood, inputs, built, number, low, effect.size.high)
     # Sets that are left out here have their share of the prior at a single place too.
@@ -73,18 +81,19 @@ def alike_at_all_places(
         likeliest.part_at(place, name, at_place)
         for place, (name, at_place) in enumerate(zip(names, built, strict=True))
     ]
-    return AlikeAtAllPlaces(float(log_sum(logs)), tuple(parts))
+    return AlikeAtAllPlaces(float(log_sum(logs)), tuple(parts), likeliest.correlation == 1.0)
 
 
 @dataclass(frozen=True)
 class _Spread:
     """The evidence of a basis set at all places: coefficients of each, if they are not all the same, then common ones,
-    if they are correlated."""
+    if they are correlated; shares (p,) of common ones that each place has, where these are not all one."""
 
     number: int
     weight: float
     correlation: float
     evidence: BasisSetEvidence
+    shares: Array | None = None
 
     def part_at(self, place: int, name: str, built: BasisSets) -> PartAlike:
         """What belongs to one place: the sum of its own coefficients and of the common ones."""
@@ -94,7 +103,7 @@ class _Spread:
         if self.correlation < 1.0:
             sums[:, k * place : k * (place + 1)] = np.eye(k)
         if self.correlation > 0.0:
-            sums[:, -k:] += np.eye(k)
+            sums[:, -k:] += np.eye(k) if self.shares is None else self.shares[place] * np.eye(k)
         covariance: Array = sums @ self.evidence.covariance @ sums.T
         found = self.evidence
         best = BasisSetEvidence(basis_set, found.log_evidence, found.size, sums @ found.coefficients, covariance)
@@ -103,7 +112,7 @@ class _Spread:
 
 @dataclass(frozen=True)
 class _Joined:
-    """Basis sets of few columns that all places have, by their numbers there, and their columns at all places at
+    """Basis sets that all places have, by their numbers there, and their columns at all places at
     once, in which they are counted anew."""
 
     numbers: tuple[int, ...]
@@ -118,7 +127,7 @@ def _joined(built: Sequence[BasisSets]) -> _Joined | None:
     numbers = [
         k
         for k, basis_set in enumerate(first.sets)
-        if len(basis_set.columns) <= MOST_COLUMNS
+        if len(basis_set.columns) <= MOST_IN_COMMON
         and not basis_set.one_way
         and all(other.sets[k].columns == basis_set.columns for other in others)
     ]
@@ -150,6 +159,43 @@ def _spread_over_places(
         sets.append(replace(basis_set, columns=tuple(range(len(relative))), relative=tuple(relative), sign=0.0))
     found = evidence_of_basis_sets(likelihood.kept_information_and_score(columns), sets, low, high)
     return [_Spread(number, basis_set.weight, *each) for each in zip(correlations, found, strict=True)]
+
+
+def _by_shares(
+    likelihood: MarginalLikelihood, built: Sequence[BasisSets], common: _Spread, low: float, high: float
+) -> list[_Spread]:
+    """A basis set with common coefficients of which each place has a share of its own, as of a heater's warmth by how
+    near it stands: the shares that are likeliest with those coefficients, which are then fitted anew.
+
+    Laplace's approximation for the shares, whose prior has the mean one and the standard deviation SHARES.
+    """
+    basis_set, places = built[0].sets[common.number], len(built)
+    at_places = [[at_place.contributions[c] for c in basis_set.columns] for at_place in built]
+    contribution = [_weighted_sum(columns, common.evidence.coefficients) for columns in at_places]
+    of_shares = likelihood.information_and_score(contribution)
+    precision = of_shares.information + np.eye(places) / SHARES**2
+    shares = np.asarray(np.linalg.solve(precision, of_shares.score + 1.0 / SHARES**2), dtype=np.float64)
+    _, log_determinant = np.linalg.slogdet(SHARES**2 * precision)
+    cost = 0.5 * float(log_determinant) + 0.5 * float(np.sum((shares - 1.0) ** 2)) / SHARES**2
+    joined = [
+        tuple(
+            (channel, share * shape) for share, column in zip(shares, alike, strict=True) for channel, shape in column
+        )
+        for alike in zip(*at_places, strict=True)
+    ]
+    anew = replace(basis_set, columns=tuple(range(len(joined))), sign=0.0)
+    (found,) = evidence_of_basis_sets(likelihood.information_and_score(joined), [anew], low, high)
+    with_cost = replace(found, log_evidence=found.log_evidence - cost)
+    return [_Spread(common.number, basis_set.weight, 1.0, with_cost, shares)]
+
+
+def _weighted_sum(columns: Sequence[Contributions], coefficients: Array) -> Contributions:
+    """Columns added up, each with a coefficient."""
+    by_channel: dict[str, Array] = {}
+    for column, coefficient in zip(columns, coefficients, strict=True):
+        for channel, shape in column:
+            by_channel[channel] = by_channel.get(channel, 0.0) + coefficient * shape
+    return tuple(by_channel.items())
 
 
 def _columns_at_places(built: Sequence[BasisSets], number: int) -> ColumnsByChannel:

@@ -30,7 +30,7 @@ from calibration.effects.columns import Contributions
 from calibration.effects.departures import VISIT
 
 ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
-ALIKE_SHARE = 0.2  # of the strongest effect's log evidence: together places explain more than the sum of each alone
+ALIKE_SHARE = 0.05  # of the strongest effect's log evidence: together places explain more than the sum of each alone
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,8 @@ class Cause:
     log_evidence: over `none`. places: probability of each, given the effect; place: the most likely one. best: its best
     basis set; contributions: columns of that, in the order of its coefficients. further: the same effect at other
     places, if it is more likely to be at all of these together; each with its evidence given those before.
-    alike: whether it is at all of its places alike, so that each of them is as likely as all.
+    alike: whether it is at all of its places alike, so that each of them is as likely as all; in_common: whether its
+    coefficients are the same ones there.
     unrefined: whether, to save time, neither its curves nor departures nor further places were tried, though its basis
     sets alone would be enough for a cause. departure_gain: of the log evidence, what smooth departures from its form
     add at `place`.
@@ -54,6 +55,7 @@ class Cause:
     contributions: tuple[Contributions, ...]
     further: tuple[Cause, ...] = ()
     alike: bool = False
+    in_common: bool = False
     unrefined: bool = False
     departure_gain: float = 0.0
 
@@ -194,7 +196,7 @@ def _or_alike(cause: Cause, alike: AlikeAtAllPlaces | None) -> Cause:
     main, *further = (
         Cause(
             cause.effect, together / len(alike.parts), {part.place: 1.0}, part.place, part.best, part.contributions,
-            alike=True,
+            alike=True, in_common=alike.in_common,
         )
         for part in sorted(alike.parts, key=lambda part: -abs(part.best.coefficients[0]))
     )  # fmt: skip
@@ -214,4 +216,21 @@ def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEf
     if isinstance(cause, NonParametricEffect):
         return likelihood.including(cause.columns(likelihood))
     columns = [likelihood.columns(part.contributions) * part.prior_deviations for part in cause.parts]
-    return likelihood.including(np.concatenate(columns, axis=2))
+    if not cause.in_common:
+        return likelihood.including(np.concatenate(columns, axis=2))
+    return likelihood.including(np.tensordot(_shares(cause), np.stack(columns), 1))
+
+
+def _shares(cause: Cause) -> Array:
+    """Of the strongest place's coefficients, what each place has (p,) of a cause that has them in common."""
+    coefficients = np.stack([part.best.coefficients for part in cause.parts])
+    return np.asarray(coefficients @ coefficients[0] / (coefficients[0] @ coefficients[0]))
+
+
+def as_found(parts: Sequence[Cause]) -> list[Cause]:
+    """Causes at one place each, of which those that have their coefficients in common are one again."""
+    out: dict[object, Cause] = {}
+    for part in parts:
+        key = part.effect.name if part.in_common else (part.effect.name, part.place, id(part))
+        out[key] = replace(out[key], further=(*out[key].further, part)) if key in out else part
+    return list(out.values())

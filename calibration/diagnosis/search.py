@@ -10,6 +10,7 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import NonParametricEffect, rank_non_parametric
 from calibration.diagnosis.ranking import (
     Cause,
+    as_found,
     differs_by_visit,
     first_likely,
     include_cause,
@@ -183,10 +184,12 @@ def _search(
     found = best = _include_from(likelihood, inputs, effects, ranking, budget, by_visit=by_visit)
     work = budget.spent - before
     not_begun_with: list[str] = []
-    if len(found.causes) > 1 or (found.causes and _is_much(found.left_over, found.log_evidence)):
+    much_is_left = _is_much(found.left_over, found.log_evidence)
+    if len(found.causes) > 1 or (found.causes and much_is_left):
+        share = VERDICT.leaders_share_if_much_is_left if much_is_left else VERDICT.leaders_share
         later = {cause.effect.name for cause in found.causes[1:]}
         for place, leader in enumerate(ranking[1:], 2):
-            weak = leader.log_evidence <= VERDICT.leaders_share * found.log_evidence
+            weak = leader.log_evidence <= share * found.log_evidence
             if weak or (leaders is not None and leader.effect.name not in leaders):
                 continue
             if place > VERDICT.leaders and leader.effect.name not in later:
@@ -327,15 +330,15 @@ def _refit_causes(
         if causes[number].alike:  # each of its places has little evidence given the others
             refitted.append(causes[number])
             continue
-        likelihood_of_others = likelihood
-        for other in (*refitted, *causes[number + 1 :]):
+        likelihood_of_others, others = likelihood, [*refitted, *causes[number + 1 :]]
+        for other in as_found(others):
             likelihood_of_others = include_cause(likelihood_of_others, other)
-        taken = {o.place for o in (*refitted, *causes[number + 1 :]) if o.effect.name == causes[number].effect.name}
+        taken = {other.place for other in others if other.effect.name == causes[number].effect.name}
         cause = refit_cause(likelihood_of_others, inputs, causes[number], taken - {causes[number].place})
         if not taken or cause.log_evidence > VERDICT.detection_threshold:  # one of several places may be there no more
             refitted.append(cause)
     refitted.sort(key=lambda cause: -cause.log_evidence)
-    likelihoods = [likelihood]
-    for cause in refitted:
-        likelihoods.append(include_cause(likelihoods[-1], cause))
-    return refitted, likelihoods
+    found, likelihoods = as_found(refitted), [likelihood]
+    for cause in found:
+        likelihoods += [include_cause(likelihoods[-1], cause)] * len(cause.parts)
+    return [part for cause in found for part in cause.parts], likelihoods

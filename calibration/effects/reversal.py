@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from calibration.base.arrays import Array
@@ -14,7 +16,7 @@ from calibration.effects.api import (
     Textbook,
     varies,
 )
-from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve
+from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, tensor_product
 from calibration.effects.departures import WARMTH_S
 
 LEAST_PAUSES, REST_TERMS, PAUSE_WEIGHT = 0.7, 4, 0.3  # of the logarithm of the rest before a motion
@@ -24,6 +26,7 @@ FLANK_WEIGHT = 0.05  # of a load that says on which flank it lies, as under a co
 LEAST_N = 1e-9  # of what presses across a guide: less is nothing
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
+DRAG_TERMS, DRAG_WEIGHT = 6, 0.2  # of any function of the place by which something drags beside the weight
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 LEAST_KG = 1e-9  # of what moves, where no mass is stated
@@ -69,8 +72,10 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
         force = _torque_at_rest(inputs, drive) * RATED_N
         weight = _weight_share(inputs, drive, force)
         by_torque = [("torque", force), ("friction_in_torque", force - weight), ("weight_in_torque", weight)]
+    by_weight: list[int] = []
     for form, wound in by_torque:
-        sets.add_set(sets.add((travel, -wound), form=form))
+        by_weight = sets.add((travel, -wound), form=form)  # the last one
+        sets.add_set(by_weight)
         any_way = sets.add((travel, -float(np.ptp(wound)) * _from_no_force(curve_over(wound), wound)))
         anywhere = sets.add((travel, -wound[:, None] * along))
         sets.add_set(any_way, anywhere, share=0.4, weight=ANY_FORCE_WEIGHT, size=rises_of_curve())
@@ -87,7 +92,26 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
             firmer = cosine_basis(rested, REST_TERMS, constant=True)
             sets.add_set(sets.add((travel, by_side[:, None] * firmer)), weight=PAUSE_WEIGHT)
     _add_friction_of_grease(sets, inputs, drive)
+    _add_friction_beside_load(sets, inputs, drive, by_weight)
     return sets
+
+
+def _add_friction_beside_load(sets: BasisSets, inputs: EffectInputs, drive: int, by_weight: Sequence[int]) -> None:
+    """What the load winds up, the weight in the torque or what the struts pull, and beside it friction of covers and
+    seals, by any function of the place, or of grease that the speed stirs and motions warm."""
+    travel, context = f"travel.{inputs.drive(drive)}", inputs.context
+    pulled = sets.add((travel, inputs.pull_along_n(drive)), form="pull")
+    dragged = -FRICTION_SHARE * RATED_N * context.direction[:, drive]
+    functions = [cosine_basis(context.drives[:, drive], DRAG_TERMS, constant=True)]
+    if "speed_m_per_s" not in context.not_said:
+        stirred = cosine_basis(context.speed_m_per_s, WARMTH_TERMS, constant=True)
+        warm = [cosine_basis(course, WARMTH_TERMS) for course in _warmths(inputs, drive)]
+        functions.append(tensor_product(stirred, np.column_stack([np.ones(len(stirred)), *warm])))
+    for by_coordinate in functions:
+        drag = sets.add((travel, dragged[:, None] * by_coordinate))
+        for load in (by_weight, pulled):
+            if load:
+                sets.add_set((*load, *drag), weight=DRAG_WEIGHT)
 
 
 def _add_friction_of_grease(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:

@@ -11,6 +11,7 @@ from calibration.effects.basis_functions import any_course, cosine_basis
 from calibration.effects.onsets import ONSET
 
 TABLE_TERMS = 3  # of any function of another drive's coordinate
+PART_TERMS = 12  # of a share of it that may begin or end anywhere along its drive
 BESIDE_M = (0.03, 0.08, 0.15, 0.22)  # beside its own place, at which a table may be looked up
 WALK_TERMS = 12  # of what may be otherwise at any time
 WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
@@ -30,6 +31,7 @@ def tables_left_on(inputs: EffectInputs, _: int) -> BasisSets:
                 sets.add_set(sets.add((f"travel.{name}", correction), form="one_drive"), weight=ONE_DRIVE_WEIGHT)
     _add_tables_by_direction(sets, inputs)
     _add_multiplied_tables(sets, inputs)
+    _add_tables_in_part(sets, inputs)
     _add_tables_beside_their_places(sets, inputs)
     _add_tables_of_other_drives(sets, inputs)
     if "t_s" in context.not_said:  # who knows when: nothing depends on time then
@@ -60,6 +62,20 @@ def _add_multiplied_tables(sets: BasisSets, inputs: EffectInputs) -> None:
             (f"travel.{name}", corrections[:, a : a + 1] * cosine_basis(context.drives[:, b], TABLE_TERMS))
             for a, name in enumerate(drives)
             for b in inputs.other_drives(a)
+            if np.any(corrections[:, a])
+        ]
+        if parts:
+            sets.add_set([c for part in parts for c in sets.add(part)], weight=WALK_WEIGHT)
+
+
+def _add_tables_in_part(sets: BasisSets, inputs: EffectInputs) -> None:
+    """Tables of which only a part is on, as after a transfer that broke off: each times a walk along its own drive."""
+    context, drives = inputs.context, inputs.machine.drive_names
+    for generation in context.table_generations:
+        corrections = context.table_corrections_m(generation, drives, context.drives)
+        parts = [
+            (f"travel.{name}", corrections[:, a : a + 1] * cosine_basis(q, PART_TERMS, roughness=1.0, constant=True))
+            for a, (name, q) in enumerate(zip(drives, context.drives.T, strict=True))
             if np.any(corrections[:, a])
         ]
         if parts:

@@ -23,6 +23,7 @@ from calibration.effects.columns import ColumnsByChannel, Contributions
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
 MOST_COLUMNS = 15  # of a basis set with coefficients of each place: more are any function, which is another at each
 MOST_IN_COMMON = 100  # of one with common ones only, as of the course of a heater that shines on all of them
+ALTERNATIONS = 3  # between common coefficients and shares of them
 SHARES = 0.5  # standard deviation of what a place has of common coefficients, over the mean
 LIKELIEST = 4  # sets, by what they explain with common coefficients and at each place alone, that get their own ones
 
@@ -64,14 +65,11 @@ def alike_at_all_places(
     in_common = evidence_of_basis_sets(columns, joined.sets, low, effect.size.high)
     found = [_Spread(k, one.basis_set.weight, 1.0, one) for k, one in zip(joined.numbers, in_common, strict=True)]
     alone = np.sum(at_each, axis=0)
-    found += _by_shares(
-        likelihood, built, max(found, key=lambda each: each.evidence.log_evidence), low, effect.size.high
-    )
-    few = [each for each in found if len(built[0].sets[each.number].columns) <= MOST_COLUMNS]
-    for number in {
-        *(each.number for each in sorted(few, key=lambda each: -each.evidence.log_evidence)[:LIKELIEST]),
-        *sorted((each.number for each in few), key=lambda k: -alone[k])[:LIKELIEST],
-    }:
+    by_evidence = sorted(found, key=lambda each: -each.evidence.log_evidence)
+    few = [each.number for each in by_evidence if len(built[0].sets[each.number].columns) <= MOST_COLUMNS]
+    if wide := [each for each in by_evidence if each.number not in few]:
+        found += _by_shares(likelihood, built, wide[0], low, effect.size.high)
+    for number in {*few[:LIKELIEST], *sorted(few, key=lambda k: -alone[k])[:LIKELIEST]}:
         found += _spread_over_places(likelihood, inputs, built, number, low, effect.size.high)
     # Sets that are left out here have their share of the prior at a single place too.
     every = max(1.0, sum(basis_set.weight for basis_set in built[0].sets)) * len(CORRELATIONS)
@@ -167,24 +165,21 @@ def _by_shares(
     """A basis set with common coefficients of which each place has a share of its own, as of a heater's warmth by how
     near it stands: the shares that are likeliest with those coefficients, which are then fitted anew.
 
-    Laplace's approximation for the shares, whose prior has the mean one and the standard deviation SHARES.
+    Of sets that are too wide for coefficients of each place. Laplace's approximation for the shares, whose prior has
+    the mean one and the standard deviation SHARES.
     """
     basis_set, places = built[0].sets[common.number], len(built)
     at_places = [[at_place.contributions[c] for c in basis_set.columns] for at_place in built]
-    contribution = [_weighted_sum(columns, common.evidence.coefficients) for columns in at_places]
-    of_shares = likelihood.information_and_score(contribution)
-    precision = of_shares.information + np.eye(places) / SHARES**2
-    shares = np.asarray(np.linalg.solve(precision, of_shares.score + 1.0 / SHARES**2), dtype=np.float64)
+    anew = replace(basis_set, columns=tuple(range(len(basis_set.columns))), sign=0.0)
+    found = common.evidence
+    for _ in range(ALTERNATIONS):
+        of_shares = likelihood.information_and_score([_weighted_sum(one, found.coefficients) for one in at_places])
+        precision = of_shares.information + np.eye(places) / SHARES**2
+        shares = np.asarray(np.linalg.solve(precision, of_shares.score + 1.0 / SHARES**2), dtype=np.float64)
+        joined = [_weighted_sum(alike, shares) for alike in zip(*at_places, strict=True)]
+        (found,) = evidence_of_basis_sets(likelihood.information_and_score(joined), [anew], low, high)
     _, log_determinant = np.linalg.slogdet(SHARES**2 * precision)
     cost = 0.5 * float(log_determinant) + 0.5 * float(np.sum((shares - 1.0) ** 2)) / SHARES**2
-    joined = [
-        tuple(
-            (channel, share * shape) for share, column in zip(shares, alike, strict=True) for channel, shape in column
-        )
-        for alike in zip(*at_places, strict=True)
-    ]
-    anew = replace(basis_set, columns=tuple(range(len(joined))), sign=0.0)
-    (found,) = evidence_of_basis_sets(likelihood.information_and_score(joined), [anew], low, high)
     with_cost = replace(found, log_evidence=found.log_evidence - cost)
     return [_Spread(common.number, basis_set.weight, 1.0, with_cost, shares)]
 

@@ -185,6 +185,7 @@ def _diagnose_with_models(
                 ranking,
                 likelihood,
                 inputs,
+                explained=search_result.log_evidence,
                 main=name == verdict,
             )
             for name in dict.fromkeys(cause.effect.name for cause in causes)

@@ -15,7 +15,6 @@ from scipy.special import expit
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import log_sum
-from calibration.diagnosis.ranking import Cause
 from calibration.diagnosis.result import NONE, UNKNOWN, KeptEvidence
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT, VerdictSettings
@@ -89,7 +88,14 @@ def _probabilities_of_effects(logs: Array, settings: VerdictSettings) -> Array:
     return told + misleading * tempered(settings.misleading_temperature_share)
 
 
-def presence_probability(cause: Cause, ranking: Mapping[str, float]) -> float:
-    """Probability that a further cause is present, given the others: its evidence is conditioned on them."""
+def presence_probability(gain: float, explained: float, ranking: Mapping[str, float]) -> float:
+    """Probability that a further effect is present, given the others.
+
+    gain: log evidence that it adds at all its places; explained: that of all causes together. What is left of the
+    others' forms, which are not exact, explains as much as an arbitrary function may beside them; and it may be
+    another effect, of which no basis set has the form.
+    """
     named = 1.0 - ranking[NONE] - ranking[UNKNOWN]
-    return float(named * expit(cause.log_evidence - VERDICT.none_prior_log_odds))
+    more = max(gain - VERDICT.none_prior_log_odds, 0.0)
+    by_model_error = float(VERDICT.threshold_of_excess(explained))
+    return named * (1.0 - VERDICT.misleading_probability) * more / (more + by_model_error)

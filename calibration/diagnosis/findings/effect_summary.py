@@ -57,11 +57,12 @@ def summarise_effect(
     likelihood: MarginalLikelihood,
     inputs: EffectInputs,
     *,
+    explained: float,
     main: bool,
 ) -> FoundEffect:
     """An effect at the places where it was found, the strongest first, beside others; `main`: it is the verdict.
 
-    likelihood: without any cause.
+    likelihood: without any cause; explained: log evidence of all causes together.
     """
     first = found[0]
     places = tuple(
@@ -73,7 +74,9 @@ def summarise_effect(
         effect=first.effect.name,
         place=places[0].place,
         size=places[0].size,
-        probability=ranking[first.effect.name] if main else presence_probability(first, ranking),
+        probability=ranking[first.effect.name]
+        if main
+        else presence_probability(sum(cause.log_evidence for cause in found), explained, ranking),
         place_probability=places[0].probability,
         raw_sigma=likelihood.linear.rms_shift_sigma(signal),
         visible_sigma=likelihood.linear.rms_shift_sigma(likelihood.linear.after_calibration(signal)),

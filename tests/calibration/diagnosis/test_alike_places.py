@@ -94,7 +94,7 @@ def test_what_all_struts_do_is_told_where_no_single_one_shows_it(warm):
         assert part.best.coefficients[0] == pytest.approx(2.0, abs=4.0 * math.sqrt(part.best.covariance[0, 0]) + 0.5)
 
 
-@pytest.mark.parametrize(("strongest", "asked"), [(400.0, True), (1500.0, False)])
+@pytest.mark.parametrize(("strongest", "asked"), [(1500.0, True), (6000.0, False)])
 def test_all_places_are_asked_for_though_the_sum_of_each_alone_is_far_below_the_strongest(warm, strongest, asked):
     """Each alone has less than what all have together: 187 and 324."""
     likelihood, inputs = warm
@@ -168,3 +168,64 @@ def test_places_without_the_same_basis_sets_are_not_alike(warm):
         return built
 
     assert alike_at_all_places(likelihood, inputs, replace(GROWTH, forms=forms), 0.1, [np.zeros(1)] * 4) is None
+
+
+def courses(inputs):
+    """The growth of struts along any course in time: one basis set of many columns."""
+    built = GROWTH.basis_sets(inputs, 0)
+    return max(range(len(built.sets)), key=lambda k: len(built.sets[k].columns))
+
+
+def at_each_place(likelihood, inputs, number):
+    """Whitened columns (4, n, w, k) of a basis set."""
+    built = [GROWTH.basis_sets(inputs, place) for place in range(4)]
+    return np.stack([likelihood.columns([of.contributions[c] for c in of.sets[number].columns]) for of in built])
+
+
+@pytest.fixture(scope="module")
+def quiet():
+    return measured()
+
+
+@pytest.mark.parametrize("shares", [(1.0, 1.0, 1.0, 1.0), (0.5, 1.6, 0.7, 1.2)])
+def test_one_course_at_all_places_is_told_with_the_share_of_each(quiet, shares):
+    """A heater that goes on and off: where it warms struts unlike, by other shares. What these are the platform's three
+    coordinates do not say of four struts, but what the platform does is as if they were known."""
+    likelihood, inputs = quiet
+    linear, number, rng = likelihood.linear, courses(inputs), np.random.default_rng(3)
+    growth, each = only_set(number), at_each_place(likelihood, inputs, number)
+    course = rng.normal(size=each.shape[3]) * 10.0 / np.sqrt(each.shape[3])
+    shift = np.tensordot(shares, each @ course, 1)
+    heated = likelihood.on(replace(linear, residual=linear.residual + shift))
+    low = smallest_size(likelihood, GROWTH)
+    found = alike_at_all_places(heated, inputs, growth, low, [np.zeros(1)] * 4)
+    assert found.in_common
+    coefficients = np.stack([part.best.coefficients for part in found.parts])
+    predicted = np.einsum("pnwk,pk->nw", each, coefficients)
+    left = likelihood.linear.after_calibration(predicted - shift)
+    assert np.sqrt(np.mean(left**2)) < 0.25
+    (cause,) = rank_effects(heated, inputs, [growth])
+    assert (cause.alike, cause.in_common) == (True, True)
+    strongest = coefficients[STRUTS.index(cause.place)]
+    joined = np.tensordot(coefficients @ strongest / (strongest @ strongest), each * cause.prior_deviations, 1)
+    np.testing.assert_allclose(
+        ranking.include_cause(heated, cause).weighted_residual,
+        heated.including(joined).weighted_residual,
+        atol=1e-6 * float(np.abs(heated.weighted_residual).max()),
+    )
+
+
+def test_parts_that_have_their_course_in_common_are_one_cause_again(quiet):
+    likelihood, inputs = quiet
+    linear, each = likelihood.linear, at_each_place(likelihood, inputs, courses(inputs))
+    shift = np.sum(each, axis=0) @ np.random.default_rng(5).normal(size=each.shape[3])
+    heated = likelihood.on(replace(linear, residual=linear.residual + shift))
+    found = search_causes(heated, inputs, [GROWTH])
+    assert sorted(part.place for part in found.causes if part.in_common) == sorted(STRUTS)
+    together = ranking.as_found(found.causes)
+    assert [len(cause.parts) for cause in together if cause.in_common] == [4]
+    assert len(found.likelihoods) == len(found.causes) + 1
+    given = heated
+    for cause in together:
+        given = ranking.include_cause(given, cause)
+    np.testing.assert_allclose(found.likelihoods[-1].weighted_residual, given.weighted_residual, atol=1e-8)

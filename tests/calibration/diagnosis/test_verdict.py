@@ -107,9 +107,14 @@ def test_probabilities_without_any_effect_are_those_of_none_and_unknown():
     assert p[UNKNOWN] == pytest.approx(1.0 / (1.0 + E ** -(20.0 - 8.0)))
 
 
-def test_a_further_cause_has_even_odds_at_log_evidence_of_eight():
+@pytest.mark.parametrize(
+    ("gain", "explained", "expected"),
+    [(8.0, 100.0, 0.0), (2.0, 100.0, 0.0), (22.2, 100.0, 0.34), (50.6, 100.0, 0.51), (1008.0, 0.0, 0.68 / 1.012)],
+)
+def test_a_further_effect_has_even_odds_where_it_explains_what_model_error_may(gain, explained, expected):
+    """Of 0.8 that something is named and 0.85 that forms do not mislead; model error: 12, and 2.2 % of what is."""
     ranking = {"backlash": 0.8, NONE: 0.1, UNKNOWN: 0.1}
-    assert presence_probability(Evidence("latency", 8.0), ranking) == pytest.approx(0.4)
+    assert presence_probability(gain, explained, ranking) == pytest.approx(expected)
 
 
 class FourReadings:

@@ -1,0 +1,83 @@
+"""The moments at which the strength of a column changes: found, replayed, and refused where a file holds others."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms, strongest_onsets_of_strength
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.ranking import rank_effects
+from calibration.diagnosis.twin.answers import RecordedAnswers
+from calibration.effects.catalogue import load_catalogue
+from mock_devices.effects import EffectChoice
+from tests.calibration.diagnosis.campaigns import plant, recorded, simulated
+
+
+@pytest.fixture(scope="module")
+def likelihood() -> MarginalLikelihood:
+    return MarginalLikelihood.of(linearise_recording(simulated("planar4", 40)))
+
+
+@pytest.mark.parametrize("unit", [1.0, 1e6])
+def test_moments_are_those_of_least_squares(likelihood, unit):
+    """A column through two channels, of which half is left after the fifteenth arrival; against every other moment."""
+    context, rng = likelihood.linear.context, np.random.default_rng(7)
+    names = ("travel.left", "sideways.left.x")
+    column = tuple((name, unit * rng.standard_normal(len(context))) for name in names)
+    shifts = sum(likelihood.response(name) * shape[:, None] for name, shape in column)
+    scale = float(np.sqrt(np.mean(shifts**2)))
+    after = context.t_s > context.history.arrived_s[15] + 1e-6
+    read = shifts / scale * np.where(after, 0.5, 1.0)[:, None] + 0.2 * rng.standard_normal(shifts.shape)
+    observed = SimpleNamespace(linear=likelihood.linear, response=likelihood.response, weighted_residual=read)
+    found = strongest_onsets_of_strength(observed, column)
+
+    def left(at_s: float) -> float:
+        of_step = shifts * (context.elapsed_s >= at_s)[:, None]
+        columns = np.stack([shifts.ravel(), of_step.ravel()], axis=1) / scale
+        return float(np.sum((read.ravel() - columns @ np.linalg.lstsq(columns, read.ravel(), rcond=None)[0]) ** 2))
+
+    in_time = np.argsort(context.t_s, kind="stable")
+    t, arrivals = context.elapsed_s[in_time], context.arrival[in_time]
+    middles = (0.5 * (t[1:] + t[:-1]))[np.diff(arrivals) != 0]
+    assert len(found) == 3
+    first = found[0][0]
+    assert np.all(after == (context.elapsed_s >= first))
+    assert left(first) == pytest.approx(min(left(at) for at in middles))
+    assert len({prior for _, prior in found}) == 1
+    assert 0.0 < found[0][1] <= 1.0 / (len(context.history.arrived_s) - 1)
+
+
+def test_what_comes_loose_at_a_moment_is_told_with_the_moment():
+    """Play of one drive that begins after a third of the campaign: two columns, not a walk in time."""
+    begin_s = 2400.0
+    without, with_play = (
+        recorded(plant(120, *choices)) for choices in ((), (EffectChoice("backlash", 3.0e-5, "left"),))
+    )
+    late = with_play["t_rig_s"] - with_play["t_rig_s"].min() >= begin_s
+    mixed = {name: np.where(late, with_play[name], without[name]) for name in ("x_m", "y_m", "z_m")}
+    loose = replace(with_play, columns={**with_play.columns, **mixed})
+    found = MarginalLikelihood.of(linearise_recording(loose))
+    inputs = inputs_of_recording(found, periodograms(found))
+    backlash = load_catalogue().effect("backlash")
+    (cause,) = rank_effects(found, inputs, [backlash])
+    assert cause.place == "left"
+    assert len(cause.best.basis_set.columns) == 2
+    assert cause.best.basis_set.parameters["onset_s"] == pytest.approx(begin_s, abs=60.0)
+
+
+def test_answers_are_replayed_by_name(likelihood):
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    columns = {name: ((name, np.ones(len(inputs.context))),) for name in ("travel.left", "travel.right")}
+
+    def ask(of):
+        return [[value for value, _ in of.strength_onsets(name, column)] for name, column in columns.items()]
+
+    recording = RecordedAnswers.record(inputs, ask)
+    assert len({tuple(answer) for answer in ask(inputs)}) == 2
+    assert ask(recording.replay(inputs)) == ask(inputs)
+    assert list(recording.replay(inputs).strength_onsets("other", ())) == []

@@ -100,7 +100,9 @@ def _add_friction_beside_load(sets: BasisSets, inputs: EffectInputs, drive: int,
     """What the load winds up, the weight in the torque or what the struts pull, and beside it friction of covers and
     seals, by any function of the place, or of grease that the speed stirs and motions warm."""
     travel, context = f"travel.{inputs.drive(drive)}", inputs.context
-    pulled = sets.add((travel, inputs.pull_along_n(drive)), form="pull")
+    loads, pull_n = [by_weight] if by_weight else [], inputs.pull_along_n(drive)
+    if varies(pull_n, PRESSED_LEAST * max(float(np.abs(pull_n).max()), LEAST_N)):
+        loads.append(sets.add((travel, pull_n), form="pull"))
     dragged = -FRICTION_SHARE * RATED_N * context.direction[:, drive]
     functions = [cosine_basis(context.drives[:, drive], DRAG_TERMS, constant=True)]
     if "speed_m_per_s" not in context.not_said:
@@ -109,9 +111,8 @@ def _add_friction_beside_load(sets: BasisSets, inputs: EffectInputs, drive: int,
         functions.append(tensor_product(stirred, np.column_stack([np.ones(len(stirred)), *warm])))
     for by_coordinate in functions:
         drag = sets.add((travel, dragged[:, None] * by_coordinate))
-        for load in (by_weight, pulled):
-            if load:
-                sets.add_set((*load, *drag), weight=DRAG_WEIGHT)
+        for load in loads:
+            sets.add_set((*load, *drag), weight=DRAG_WEIGHT)
 
 
 def _add_friction_of_grease(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:

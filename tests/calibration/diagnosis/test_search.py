@@ -252,6 +252,20 @@ def test_no_search_begins_with_an_effect_that_explains_less_than_65_per_cent(mon
     assert [c.name for c in search_with(monkeypatch, given).causes] == names
 
 
+@pytest.mark.parametrize(
+    ("alone", "names"), [(485.0, ["refraction", "tracker_drift"]), (490.0, ["latency", "smr_reseat"])]
+)
+def test_where_much_is_left_a_search_begins_with_what_explains_45_per_cent(monkeypatch, alone, names):
+    """Of 1,084.5 again, beside which an alternative explains 40."""
+    given = {
+        "none": {"refraction": 1000.0, "latency": alone},
+        "none+refraction": {"tracker_drift": 100.0},
+        "none+latency": {"smr_reseat": 3000.0},
+    }
+    result = search_with(monkeypatch, given, rest_by={"none+refraction+tracker_drift": 40.0})
+    assert [c.name for c in result.causes] == names
+
+
 def test_where_one_cause_is_enough_no_other_search_begins(monkeypatch):
     given = {"none": {"refraction": 1000.0, "latency": 990.0}, "none+latency": {"smr_reseat": 500.0}}
     assert [c.name for c in search_with(monkeypatch, given).causes] == ["refraction"]

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 from calibration.diagnosis.periodogram import MAX_PEAKS, Periodogram
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
+from calibration.effects.departures import WARMTH_S
 from calibration.machine.description import load_machine, shipped_machine
 from tests.calibration.diagnosis.campaigns import plant, recorded
 from tests.calibration.effects.test_context import SWING, inputs_of
@@ -49,6 +50,29 @@ def test_friction_is_told_from_play_by_the_load_where_no_torque_was_recorded(inp
     nothing = np.zeros_like(inputs.context.payload_kg)
     one_payload = replace(no_torque, context=replace(no_torque.context, payload_kg=nothing))
     assert effect.untested(one_payload) == "the recording holds neither a varied torque nor a varied payload"
+
+
+def test_friction_of_a_cover_or_of_grease_stands_beside_what_the_struts_pull(inputs):
+    """Drag by the place, or by speed and what motions have warmed, by the side: with the load in one basis set."""
+    pull_n, context = 400.0 + 300.0 * np.sin(7.0 * inputs.context.drives[:, 0]), inputs.context
+    pulled = replace(inputs, pull_n=pull_n[:, None, None] * inputs.machine.nominal.axis[None])
+    built = load_catalogue().effect("friction_windup").forms(pulled, 0)
+    (load,) = (k for k, name in enumerate(built.named) if name == "pull")
+    np.testing.assert_allclose(dict(built.contributions[load])["travel.left"], pull_n)
+    beside = [s for s in built.sets if s.columns[0] == load]
+    place, warmth = context.drives[:, 0], [context.motion_heat(0, tau_s) for tau_s in WARMTH_S]
+    cover = 0.1 + 0.9 * ((place - place.min()) / np.ptp(place)) ** 2
+    stirred = (0.3 + context.speed_m_per_s / 0.2) * (1.0 - 0.5 * warmth[1] / warmth[1].max())
+    for drag in (cover, stirred):
+        truth = -context.direction[:, 0] * drag + 1e-3 * pull_n
+        left = []
+        for basis_set in beside:
+            columns = np.stack([dict(built.contributions[c])["travel.left"] for c in basis_set.columns], axis=1)
+            columns = columns / np.linalg.norm(columns, axis=0)
+            left.append(np.linalg.norm(columns @ np.linalg.lstsq(columns, truth, rcond=None)[0] - truth))
+        assert min(left) < 0.03 * np.linalg.norm(truth)
+    still = load_catalogue().effect("friction_windup").forms(inputs, 0)
+    assert "pull" not in still.named  # where struts pull alike everywhere
 
 
 @pytest.mark.parametrize("anyhow", [False, True])

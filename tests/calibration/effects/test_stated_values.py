@@ -19,6 +19,7 @@ from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.columns import Contributions
+from calibration.effects.tables_left_on import PART_TERMS
 from calibration.machine.description import PARTS
 from calibration.model.model import Model, SystematicUncertainties
 from calibration.model.parameters import ParameterSet
@@ -147,6 +148,55 @@ def test_a_centre_beside_the_stated_one_turns_the_platform_as_its_moment_does(ri
         return replace(visits, payload_com_m=visits.payload_com_m + metres[:, None] * shift)
 
     check_same(rig.of_columns(along_x[1:2], [KG]), rig.change_m(by_moment))
+
+
+def test_a_centre_that_slips_lies_elsewhere_from_then_on_whenever_it_is_mounted(rig):
+    """Two moments, asked along each axis of the centre; before and after them each has a centre of its own."""
+    context, asked = rig.inputs.context, {}
+    moments = (1000.0, 2500.0)
+
+    def strength_onsets(name, column):
+        asked[name] = column[0][0]
+        return [(moments[len(asked) % 2], 0.25)]
+
+    built = CATALOGUE.effect("payload").forms(replace(rig.inputs, strength_onsets=strength_onsets), 0)
+    of_centre = {name: channel for name, channel in asked.items() if ".slipped." in name}
+    assert sorted(of_centre.values()) == ["payload.x", "payload.y"]
+    kg = context.payload_kg
+    mounted = np.where(kg > 0.0, 1.0, 0.0) * LEVER_M / np.maximum(kg, 1e-3)
+    for moment in moments:
+        slipped = [s for s in built.sets if s.parameters.get("onset_s") == moment and len(s.columns) == 4]
+        assert len(slipped) == 1
+        (before_x, before_y, after_x, after_y) = (built.contributions[c][0] for c in slipped[0].columns)
+        assert [before_x[0], before_y[0], after_x[0], after_y[0]] == ["payload.x", "payload.y"] * 2
+        np.testing.assert_allclose(before_x[1], mounted)
+        np.testing.assert_allclose(after_y[1], mounted * (context.elapsed_s >= moment))
+        assert {built.named[c] for c in slipped[0].columns} == {"slipped"}
+
+
+def test_a_table_of_which_a_transfer_has_left_a_part_is_told_by_its_own_basis_set(rig):
+    """Each drive's table up to a place of its travel: nearly all of it, at once in all drives."""
+    built, context = CATALOGUE.effect("tables_left_on").forms(rig.inputs, 0), rig.inputs.context
+    drives = rig.inputs.machine.drive_names
+    for generation in context.table_generations:
+        corrections = context.table_corrections_m(generation, drives, context.drives)
+        left = []
+        for basis_set in built.sets:
+            error = total = 0.0
+            for a, name in enumerate(drives):
+                q = context.drives[:, a]
+                truth = corrections[:, a] * (q < np.quantile(q, 0.6))
+                of_drive = [dict(built.contributions[c]).get(f"travel.{name}") for c in basis_set.columns]
+                if columns := [shape for shape in of_drive if shape is not None and np.any(shape)]:
+                    x = np.stack(columns, axis=1) / np.linalg.norm(columns, axis=1)
+                    truth_left = truth - x @ np.linalg.lstsq(x, truth, rcond=None)[0]
+                else:
+                    truth_left = truth
+                error, total = error + float(np.sum(truth_left**2)), total + float(np.sum(truth**2))
+            left.append((error / total, len(basis_set.columns)))
+        best, count = min(left)
+        assert best < 0.1
+        assert count == sum(PART_TERMS + 1 for column in corrections.T if np.any(column))
 
 
 def test_a_strut_that_is_softer_makes_more_of_a_payload_beside_its_centre(rig):

@@ -186,11 +186,12 @@ def _search(
     not_begun_with: list[str] = []
     much_is_left = _is_much(found.left_over, found.log_evidence)
     if len(found.causes) > 1 or (found.causes and much_is_left):
-        share = VERDICT.leaders_share_if_much_is_left if much_is_left else VERDICT.leaders_share
         later = {cause.effect.name for cause in found.causes[1:]}
         for place, leader in enumerate(ranking[1:], 2):
-            weak = leader.log_evidence <= share * found.log_evidence
-            if weak or (leaders is not None and leader.effect.name not in leaders):
+            share = leader.log_evidence / found.log_evidence
+            weak = share <= VERDICT.leaders_share
+            worth = much_is_left and share > VERDICT.leaders_share_if_much_is_left and budget.has_room_for_weak(work)
+            if (weak and not worth) or (leaders is not None and leader.effect.name not in leaders):
                 continue
             if place > VERDICT.leaders and leader.effect.name not in later:
                 not_begun_with.append(leader.effect.name)

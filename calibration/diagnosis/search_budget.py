@@ -11,6 +11,7 @@ from calibration.diagnosis.settings import VERDICT
 
 COLUMNS_OF_A_STEP = 200.0  # whose information takes as long as what a step takes however few columns it adds
 SHARE_OF_LEADERS = 2.0 / 3.0  # of all work, that may be done before a search begins with one more effect of the ranking
+SHARE_OF_WEAK = 1.0 / 3.0  # the same for one that explains less, so that enough is left for others
 BY_VISIT = "effects that are another at each visit"
 
 
@@ -41,6 +42,10 @@ class SearchBudget:
             return True
         self.left_out[begins_with] = None
         return False
+
+    def has_room_for_weak(self, expected: float) -> bool:
+        """Whether a search may begin with an effect that explains little."""
+        return self.spent + expected <= SHARE_OF_WEAK * self.limit
 
     def was_in_vain(self, begins_with: str) -> None:
         """Note that a search found nothing, which at other levels of the disturbances it will not either."""

@@ -137,3 +137,11 @@ def test_a_diagnosis_says_what_it_left_out_and_leaves_nothing_out_where_it_may_t
     of_little, of_any = (diagnose(recording, work=work) for work in (1.0, np.inf))
     assert "no search began with" in " ".join(of_little.remarks)
     assert "no search began with" not in " ".join(of_any.remarks)
+
+
+@pytest.mark.parametrize(("spent", "room"), [(0.0, True), (0.5, True), (0.6, False)])
+def test_weak_effects_begin_searches_within_a_third_of_the_bound(spent, room):
+    budget = SearchBudget(limit=3.0)
+    budget.spent = spent
+    assert budget.has_room_for_weak(0.5) is room
+    assert budget.left_out == {}

@@ -22,7 +22,10 @@ from calibration.effects.columns import ColumnsByChannel, Contributions
 
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
 MOST_COLUMNS = 15  # of a basis set with coefficients of each place: more are any function, which is another at each
-MOST_IN_COMMON = 100  # of one with common ones only, as of the course of a heater that shines on all of them
+MOST_IN_COMMON = (
+    100  # of one with common ones only, of the same functions, as the course of a heater that warms them all
+)
+SAME_FUNCTION = 1e-6  # below which the cosine between two functions may be less than one
 ALTERNATIONS = 3  # between common coefficients and shares of them
 SHARES = 0.5  # standard deviation of what a place has of common coefficients, over the mean
 LIKELIEST = 4  # sets, by what they explain with common coefficients and at each place alone, that get their own ones
@@ -128,6 +131,7 @@ def _joined(built: Sequence[BasisSets]) -> _Joined | None:
         if len(basis_set.columns) <= MOST_IN_COMMON
         and not basis_set.one_way
         and all(other.sets[k].columns == basis_set.columns for other in others)
+        and (len(basis_set.columns) <= MOST_COLUMNS or _are_the_same_functions(built, basis_set.columns))
     ]
     used = sorted({c for k in numbers for c in first.sets[k].columns})
     if not used:
@@ -136,6 +140,17 @@ def _joined(built: Sequence[BasisSets]) -> _Joined | None:
     sets = [replace(first.sets[k], columns=tuple(anew[c] for c in first.sets[k].columns)) for k in numbers]
     columns = [tuple(part for at_place in built for part in at_place.contributions[c]) for c in used]
     return _Joined(tuple(numbers), tuple(sets), ColumnsByChannel.of(columns))
+
+
+def _are_the_same_functions(built: Sequence[BasisSets], columns: Sequence[int]) -> bool:
+    """Whether columns are at each place the same functions of the readings, as of time, and not of its own drive."""
+    for number in columns:
+        first, *others = (np.concatenate([shape for _, shape in of.contributions[number]]) for of in built)
+        least = (1.0 - SAME_FUNCTION) * float(np.linalg.norm(first))
+        for other in others:
+            if other.shape != first.shape or abs(float(first @ other)) < least * float(np.linalg.norm(other)):
+                return False
+    return True
 
 
 def _spread_over_places(

@@ -229,3 +229,17 @@ def test_parts_that_have_their_course_in_common_are_one_cause_again(quiet):
     for cause in together:
         given = ranking.include_cause(given, cause)
     np.testing.assert_allclose(found.likelihoods[-1].weighted_residual, given.weighted_residual, atol=1e-8)
+
+
+def test_functions_of_a_place_s_own_drive_are_none_that_places_have_in_common(quiet):
+    """Any course along each drive's own travel, whose coefficients are the same by chance at most."""
+    _, inputs = quiet
+    error = load_catalogue().effect("screw_cumulative_error")
+    built = [error.basis_sets(inputs, place) for place in range(2)]
+    numbers = alike_places._joined(built).numbers
+    assert max(len(built[0].sets[k].columns) for k in numbers) <= alike_places.MOST_COLUMNS
+    wide = [k for k, s in enumerate(built[0].sets) if alike_places.MOST_COLUMNS < len(s.columns)]
+    assert wide
+    assert max(len(GROWTH.basis_sets(inputs, 0).sets[k].columns) for k in alike_places._joined(
+        [GROWTH.basis_sets(inputs, place) for place in range(4)]
+    ).numbers) == 96  # fmt: skip

@@ -215,14 +215,19 @@ def include_cause(likelihood: MarginalLikelihood, cause: Cause | NonParametricEf
     """The marginal likelihood with a cause, in its best basis set, or a non-parametric effect added to the model."""
     if isinstance(cause, NonParametricEffect):
         return likelihood.including(cause.columns(likelihood))
+    return likelihood.including(columns_of_cause(likelihood, cause))
+
+
+def columns_of_cause(likelihood: MarginalLikelihood, cause: Cause) -> Array:
+    """Whitened columns (n, w, k) of a cause, each times the prior standard deviation of its coefficient."""
     columns = [likelihood.columns(part.contributions) * part.prior_deviations for part in cause.parts]
     if not cause.in_common:
-        return likelihood.including(np.concatenate(columns, axis=2))
-    return likelihood.including(np.tensordot(_shares(cause), np.stack(columns), 1))
+        return np.concatenate(columns, axis=2)
+    return np.asarray(np.tensordot(shares_of_places(cause), np.stack(columns), 1))
 
 
-def _shares(cause: Cause) -> Array:
-    """Of the strongest place's coefficients, what each place has (p,) of a cause that has them in common."""
+def shares_of_places(cause: Cause) -> Array:
+    """Of the first place's coefficients, what each place has (p,) of a cause that has them in common."""
     coefficients = np.stack([part.best.coefficients for part in cause.parts])
     return np.asarray(coefficients @ coefficients[0] / (coefficients[0] @ coefficients[0]))
 

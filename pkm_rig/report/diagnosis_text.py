@@ -202,7 +202,7 @@ def _gap(gap: GapFigures) -> list[RenderableType]:
 
 def _twin(twin: Mapping[str, Any]) -> list[RenderableType]:
     """Comparison of the campaign with its simulation on the twin."""
-    added = " and ".join(twin["effects"]) or "no effect: none was found"
+    added = " and ".join(dict.fromkeys(twin["effects"])) or "no effect: none was found"
     shrink = twin["shrink"]
     lines = [
         f"twin: the identified model with {added}: {twin['folder']}",

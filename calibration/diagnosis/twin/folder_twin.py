@@ -16,7 +16,7 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.withheld_blocks import gap_field, gap_figures, regions, withheld_differences
 from calibration.diagnosis.folder_rows import FolderRows
 from calibration.diagnosis.linear_folder import LinearFolder
-from calibration.diagnosis.ranking import Cause, include_cause
+from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause, include_cause
 from calibration.diagnosis.twin.score import TwinScore
 from calibration.identification.problem import Layout
 from calibration.instruments.readings import Readings
@@ -89,15 +89,14 @@ def score_folder_twin(
 
 
 def _including(likelihood: MarginalLikelihood, causes: Sequence[Cause]) -> MarginalLikelihood:
-    for cause in causes:
+    for cause in as_found(causes):
         likelihood = include_cause(likelihood, cause)
     return likelihood
 
 
 def _contributions_of(likelihood: MarginalLikelihood, causes: Sequence[Cause]) -> Array:
     """Columns (n, w, k) of all causes at all their places, each times its prior standard deviation."""
-    parts = [part for cause in causes for part in cause.parts]
-    out = [likelihood.columns(part.contributions) * part.prior_deviations for part in parts]
+    out = [columns_of_cause(likelihood, cause) for cause in as_found(causes)]
     return np.concatenate([np.zeros((*likelihood.weighted_residual.shape, 0)), *out], axis=2)
 
 

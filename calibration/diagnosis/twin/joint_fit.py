@@ -20,7 +20,7 @@ from calibration.base.frame import Frame
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import LinearModel, require_recording
 from calibration.diagnosis.nest_readings import NEST_PRIOR_M
-from calibration.diagnosis.ranking import Cause
+from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause, shares_of_places
 from calibration.diagnosis.twin.twin_model import FittedMachine, full_model
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
 
@@ -33,7 +33,7 @@ NO_EQUILIBRIUM = 1e9  # residual of a model without an equilibrium: worse than a
 @dataclass(frozen=True)
 class Solution:
     """z (b,): unknowns of the linear model over their standard deviations; c (k,): coefficients of all causes over
-    theirs.
+    theirs, common ones once.
 
     fitted_machine: of these unknowns; ranges: range constant, scale and refraction by name; coefficients: of each
     cause; disturbance_shift (n, 3): whitened shifts of all readings by the declared disturbances and by errors of
@@ -63,12 +63,9 @@ class JointFit:
 
     def __init__(self, likelihood: MarginalLikelihood, causes: Sequence[Cause]) -> None:
         self._linear = linear = require_recording(likelihood.linear)
-        self._causes = tuple(causes)
-        self._deviations = np.concatenate([*(cause.prior_deviations for cause in causes), np.empty(0)])
-        columns = [likelihood.columns(cause.contributions) for cause in causes]
-        self._cause_columns = (
-            np.concatenate([*columns, np.empty((*linear.residual.shape, 0))], axis=2) * self._deviations
-        )
+        self._causes, self._found = tuple(causes), as_found(causes)
+        columns = [columns_of_cause(likelihood, cause) for cause in self._found]
+        self._cause_columns = np.concatenate([*columns, np.empty((*linear.residual.shape, 0))], axis=2)
         self._on_pose = rows = np.flatnonzero(linear.visit >= 0)
         # The unknowns of the frame count from the frame at which the model is linear, not from where its fit began.
         self._station = replace(linear.station, start=linear.frame)
@@ -92,7 +89,7 @@ class JointFit:
         """Of all readings."""
         all_rows = np.ones(len(self._linear.smr), dtype=bool)
         return self._build_solution(
-            *self._gauss_newton(self._at_linear_model, np.zeros(self._deviations.size), all_rows)
+            *self._gauss_newton(self._at_linear_model, np.zeros(self._cause_columns.shape[2]), all_rows)
         )
 
     def without(self, rows: NDArray[np.intp]) -> Solution:
@@ -177,15 +174,27 @@ class JointFit:
         disturbance_shift = linear.columns[:, :, disturbances:] @ z[disturbances:]
         if moved:
             disturbance_shift += linear.columns[:, :, moved] @ z[moved]
-        sizes = [cause.prior_deviations.size for cause in self._causes]
         return Solution(
             z=z,
             c=c,
             fitted_machine=FittedMachine(_all_unknowns(linear, values), frame, mounted),
             ranges=ranges,
-            coefficients=tuple(np.split(c * self._deviations, np.cumsum(sizes)[:-1])) if sizes else (),
+            coefficients=self._at_each_place(c),
             disturbance_shift=disturbance_shift,
         )
+
+    def _at_each_place(self, c: Array) -> tuple[Array, ...]:
+        """Coefficients of each cause at its place."""
+        of_part: dict[int, Array] = {}
+        begin = 0
+        for cause in self._found:
+            shares = shares_of_places(cause) if cause.in_common else np.ones(len(cause.parts))
+            for share, part in zip(shares.tolist(), cause.parts, strict=True):
+                end = begin + part.prior_deviations.size
+                of_part[id(part.best)] = share * c[begin:end] * part.prior_deviations
+                begin = begin if cause.in_common else end
+            begin = end
+        return tuple(of_part[id(cause.best)] for cause in self._causes)
 
     def _mounted_m(self, z: Array, by_name: dict[str, float]) -> Array:
         """Positions (smrs, 3) of the reflectors on their parts; of nests, with the range errors of the station."""

@@ -17,6 +17,7 @@ from calibration.diagnosis.place_evidence import evidence_by_place, smallest_siz
 from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.search import search_causes
 from calibration.diagnosis.settings import VERDICT
+from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.effects.catalogue import load_catalogue
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import plant, recorded
@@ -231,6 +232,18 @@ def test_parts_that_have_their_course_in_common_are_one_cause_again(quiet):
     np.testing.assert_allclose(found.likelihoods[-1].weighted_residual, given.weighted_residual, atol=1e-8)
 
 
+def test_the_twin_has_one_course_for_all_places(warm):
+    """With the nonlinear model: each place's share of one course, and what it does there within the U of its size."""
+    likelihood, inputs = warm
+    (growth,) = rank_effects(likelihood, inputs, [only_set(courses(inputs))])
+    assert growth.in_common
+    found = JointFit(likelihood, growth.parts).solution.coefficients
+    np.testing.assert_allclose(np.abs(np.corrcoef(np.stack(found))), np.ones((4, 4)), atol=1e-9)
+    for coefficients, part in zip(found, growth.parts, strict=True):
+        does, told = (likelihood.columns(part.contributions) @ c for c in (coefficients, part.best.coefficients))
+        assert np.linalg.norm(does - told) < 0.3 * np.linalg.norm(told)
+
+
 def test_functions_of_a_place_s_own_drive_are_none_that_places_have_in_common(quiet):
     """Any course along each drive's own travel, whose coefficients are the same by chance at most."""
     _, inputs = quiet
@@ -238,7 +251,7 @@ def test_functions_of_a_place_s_own_drive_are_none_that_places_have_in_common(qu
     built = [error.basis_sets(inputs, place) for place in range(2)]
     numbers = alike_places._joined(built).numbers
     assert max(len(built[0].sets[k].columns) for k in numbers) <= alike_places.MOST_COLUMNS
-    wide = [k for k, s in enumerate(built[0].sets) if alike_places.MOST_COLUMNS < len(s.columns)]
+    wide = [k for k, s in enumerate(built[0].sets) if len(s.columns) > alike_places.MOST_COLUMNS]
     assert wide
     assert max(len(GROWTH.basis_sets(inputs, 0).sets[k].columns) for k in alike_places._joined(
         [GROWTH.basis_sets(inputs, place) for place in range(4)]

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
+from calibration.diagnosis.diagnose import diagnose_and_add
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms, strongest_onsets_of_strength
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.twin.answers import RecordedAnswers
+from calibration.diagnosis.twin.twin import Twin
 from calibration.effects.catalogue import load_catalogue
+from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import plant, recorded, simulated
+
+BEGIN_S = 2400.0
 
 
 @pytest.fixture(scope="module")
@@ -52,22 +58,43 @@ def test_moments_are_those_of_least_squares(likelihood, unit):
     assert 0.0 < found[0][1] <= 1.0 / (len(context.history.arrived_s) - 1)
 
 
-def test_what_comes_loose_at_a_moment_is_told_with_the_moment():
-    """Play of one drive that begins after a third of the campaign: two columns, not a walk in time."""
-    begin_s = 2400.0
+@pytest.fixture(scope="module")
+def loose() -> Recording:
+    """Play of one drive that begins at BEGIN_S."""
     without, with_play = (
         recorded(plant(120, *choices)) for choices in ((), (EffectChoice("backlash", 3.0e-5, "left"),))
     )
-    late = with_play["t_rig_s"] - with_play["t_rig_s"].min() >= begin_s
+    late = with_play["t_rig_s"] - with_play["t_rig_s"].min() >= BEGIN_S
     mixed = {name: np.where(late, with_play[name], without[name]) for name in ("x_m", "y_m", "z_m")}
-    loose = replace(with_play, columns={**with_play.columns, **mixed})
+    return replace(with_play, columns={**with_play.columns, **mixed})
+
+
+def test_what_comes_loose_at_a_moment_is_told_with_the_moment(loose):
+    """By two columns, not by a walk in time."""
     found = MarginalLikelihood.of(linearise_recording(loose))
     inputs = inputs_of_recording(found, periodograms(found))
     backlash = load_catalogue().effect("backlash")
     (cause,) = rank_effects(found, inputs, [backlash])
     assert cause.place == "left"
     assert len(cause.best.basis_set.columns) == 2
-    assert cause.best.basis_set.parameters["onset_s"] == pytest.approx(begin_s, abs=60.0)
+    assert cause.best.basis_set.parameters["onset_s"] == pytest.approx(BEGIN_S, abs=60.0)
+
+
+def test_the_moment_is_stated_and_the_twin_has_it(loose):
+    diagnosis, twin = diagnose_and_add(loose)
+    assert diagnosis.verdict == "backlash"
+    (onset_s,) = (one for one in diagnosis.effects[0].others if one.name == "onset_s")
+    assert abs(onset_s.value - BEGIN_S) < 2.0 * onset_s.u + 60.0
+    assert 1.0 < onset_s.u < 300.0
+    again = Twin.from_data(twin.machine.text, json.loads(json.dumps(twin.to_data())))
+    context = twin.campaign.context
+    rows = np.arange(0, len(context), 5)
+    np.testing.assert_allclose(again.places_m(context, rows), twin.places_m(context, rows), atol=1e-12)
+    none = replace(twin, added=())
+    moved = np.linalg.norm(twin.places_m(context, rows) - none.places_m(context, rows), axis=1)
+    late = context.elapsed_s[rows] > BEGIN_S + 60.0
+    early = context.elapsed_s[rows] < BEGIN_S - 60.0
+    assert np.sqrt(np.mean(moved[late] ** 2)) > 4.0 * np.sqrt(np.mean(moved[early] ** 2))
 
 
 def test_answers_are_replayed_by_name(likelihood):

@@ -102,6 +102,20 @@ def test_over_what_periods_were_asked_is_kept(made):
     assert answers[0, 2e-4, 6e-2, (0.0, 1.0)] == (0.011,)
 
 
+def test_moments_at_which_strengths_change_are_kept(made):
+    """And former files, which have none, are read."""
+    twin, data = made
+    (added,) = data["added"][:1]
+    asked = {"strength_onsets_asked": ["a.0.0", "a.0.1"], "strength_onsets_s": [[300.0, 900.0], []]}
+    machine = twin.campaign.machine
+    again = plain_data.from_data(machine, {**data, "added": [added | asked]}, CATALOGUE)
+    assert again[2][0].answers.strength_onsets_s == {"a.0.0": (300.0, 900.0), "a.0.1": ()}
+    assert plain_data.to_data(*again)["added"][0] == added | asked
+    former = {key: value for key, value in added.items() if not key.startswith("strength_onsets")}
+    again = plain_data.from_data(machine, {**data, "added": [former]}, CATALOGUE)
+    assert again[2][0].answers.strength_onsets_s == {}
+
+
 def test_the_period_of_a_phase_is_kept(made):
     """And former files, whose departures have none, are read."""
     twin, data = made
@@ -178,6 +192,9 @@ def test_what_is_no_twin_at_all_is_one_line(made, data):
         (("added", 0, "periods_asked", 0), [0, 1e-3, 1e-2, 1.0, 1.0, 1.0]),
         (("added", 0, "periods_asked", 0), [0, 1e-3, 1e-2, 1.0, "x"]),
         (("added", 0, "onsets_asked"), [["travel.left"]]),
+        (("added", 0, "strength_onsets_asked"), [3.0]),
+        (("added", 0, "strength_onsets_asked"), ["no.answer"]),
+        (("added", 0, "strength_onsets_s"), [[1.0, "x"]]),
         (("added", 0, "effect"), "no\nsuch"),
         (("start_s",), "soon"),
         (("fit", "values", 0), 1e4),

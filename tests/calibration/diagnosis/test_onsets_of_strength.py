@@ -12,6 +12,7 @@ import pytest
 from calibration.diagnosis.diagnose import diagnose_and_add
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms, strongest_onsets_of_strength
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings.parameter_uncertainty import _refine
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.twin.answers import RecordedAnswers
@@ -95,6 +96,19 @@ def test_the_moment_is_stated_and_the_twin_has_it(loose):
     late = context.elapsed_s[rows] > BEGIN_S + 60.0
     early = context.elapsed_s[rows] < BEGIN_S - 60.0
     assert np.sqrt(np.mean(moved[late] ** 2)) > 4.0 * np.sqrt(np.mean(moved[early] ** 2))
+
+
+def test_the_uncertainty_of_a_moment_comes_from_the_arrivals_around_it(likelihood):
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    column = (("travel.left", np.ones(len(inputs.context))),)
+    (reported, prior), *others = inputs.strength_onsets("any", column)
+    fine = dict(_refine(inputs, reported).strength_onsets("any", column))
+    arrived_s = np.unique(inputs.context.history.arrived_s) - inputs.context.start_s
+    between = 0.5 * (arrived_s[1:] + arrived_s[:-1])
+    near = between[np.argsort(np.abs(between - reported))[:17]]
+    assert set(near.tolist()) <= set(fine)
+    assert sum(fine[at] for at in near.tolist()) == pytest.approx(prior)
+    assert all(fine[at] == p for at, p in others if not near.min() <= at <= near.max())
 
 
 def test_answers_are_replayed_by_name(likelihood):

@@ -43,8 +43,8 @@ def with_varying_strength(effect: Effect) -> Effect:
                 _add_changing(built, exact, inputs, f"{effect.name}.{place}", textbook.form)
         return built
 
-    others = effect.others if not in_time or ONSET in effect.others else (*effect.others, ONSET)
-    return replace(effect, forms=forms, others=others)
+    states_it = any(parameter.name == ONSET.name for parameter in effect.others)
+    return replace(effect, forms=forms, others=effect.others if states_it or not in_time else (*effect.others, ONSET))
 
 
 def _add_changing(built: BasisSets, exact: Mapping[int, BasisSet], inputs: EffectInputs, name: str, form: str) -> None:

@@ -111,6 +111,11 @@ def test_a_form_has_another_strength_from_the_moments_on_at_which_it_is_asked_to
     assert not [s for s in built.without_forms({"pull_changed"}).sets if "onset_s" in s.parameters]
 
 
+def test_an_onset_of_its_own_is_stated_once(inputs):
+    own = EffectParameter("onset_s", 10.0, 1e4, "s", "its own")
+    assert with_varying_strength(effect(varies_with=TIMES, others=(own,))).others == (own,)
+
+
 @pytest.mark.parametrize("changes", [{"varies_with": ("rest",)}, {"varies_with": ("time", "phase")}])
 def test_what_does_not_vary_with_time_or_repeats_is_not_asked_when_it_changes(inputs, changes):
     def strength_onsets(name, column):

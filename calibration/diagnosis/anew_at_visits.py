@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.non_parametric import rank_non_parametric
-from calibration.diagnosis.ranking import Cause, differs_by_visit, include_cause, rank_effects
+from calibration.diagnosis.ranking import Cause, as_found, differs_by_visit, include_cause, rank_effects
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
 
@@ -27,7 +27,7 @@ def acting_elsewhere(
     for name in names:
         beside = [cause for cause in causes if cause.effect.name != name]
         given = likelihood
-        for cause in beside:
+        for cause in as_found(beside):
             given = include_cause(given, cause)
         (effect,) = {id(c.effect): c.effect for c in anew if c.effect.name == name}.values()
         ranked = rank_effects(given, inputs, [effect], by_visit=True) if beside else ranking

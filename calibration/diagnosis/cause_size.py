@@ -16,10 +16,11 @@ def size_of(cause: Cause) -> tuple[float, float]:
     """Size of a cause in its best basis set and its standard uncertainty, from the coefficients as `measured` says."""
     best, basis_set = cause.best, cause.best.basis_set
     if basis_set.size:
-        weights = np.array(basis_set.size + (0.0,) * (len(best.coefficients) - len(basis_set.size)))
+        weights = np.zeros(len(best.coefficients))
+        first = _largest_spell(cause)[0] if basis_set.spells > 1 else 0
+        weights[first : first + len(basis_set.size)] = basis_set.size
         return float(weights @ best.coefficients), float(np.sqrt(weights @ best.covariance @ weights))
-    own = basis_set.relative[: len(basis_set.relative) - len(basis_set.departures)]
-    main = [i for i, relative in enumerate(own) if relative >= 1.0]
+    main = _largest_spell(cause)
     if _is_anew(cause):  # then what it is at each visit is all there is of it
         main = list(range(len(best.coefficients)))
     coefficients, covariance = best.coefficients[main], best.covariance[np.ix_(main, main)]
@@ -43,6 +44,15 @@ def size_of(cause: Cause) -> tuple[float, float]:
             np.linalg.norm([np.ptp(x) if measured == "range" else np.sqrt(np.mean(x**2)) for x in by_channel])
         )
     return value, u * value / max(norm, 1e-300)
+
+
+def _largest_spell(cause: Cause) -> list[int]:
+    """Main columns; where they act in several spells of time, those of the one with the largest coefficients."""
+    basis_set = cause.best.basis_set
+    own = basis_set.relative[: len(basis_set.relative) - len(basis_set.departures)]
+    main = np.flatnonzero(np.array(own) >= 1.0)
+    spells: list[list[int]] = [spell.tolist() for spell in np.split(main, basis_set.spells)]
+    return max(spells, key=lambda spell: float(np.linalg.norm(cause.best.coefficients[spell])))
 
 
 def _is_anew(cause: Cause) -> bool:

@@ -16,7 +16,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, LevelPosterior, scaled_levels
-from calibration.diagnosis.ranking import Cause
+from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause
 from calibration.diagnosis.search import SearchResult, search_causes, something_is_left
 from calibration.diagnosis.search_budget import SearchBudget
 from calibration.diagnosis.settings import VERDICT
@@ -145,7 +145,7 @@ class SearchOfLevelsAndCauses:
         """The posterior of the levels with causes in the model."""
         if not causes:
             return self._without_causes
-        columns = [self._likelihood.columns(cause.contributions) * cause.prior_deviations for cause in causes]
+        columns = [columns_of_cause(self._likelihood, cause) for cause in as_found(causes)]
         return LevelPosterior(self._likelihood.linear, included=np.concatenate(columns, axis=2))
 
     def _beyond_disturbances(self, causes: Sequence[Cause]) -> bool:

@@ -236,6 +236,7 @@ def as_found(parts: Sequence[Cause]) -> list[Cause]:
     """Causes at one place each, of which those that have their coefficients in common are one again."""
     out: dict[object, Cause] = {}
     for part in parts:
-        key = part.effect.name if part.in_common else (part.effect.name, part.place, id(part))
+        found = (part.effect.name, part.best.log_evidence)  # the same of all parts of one finding
+        key = found if part.in_common else (*found, part.place, id(part))
         out[key] = replace(out[key], further=(*out[key].further, part)) if key in out else part
     return list(out.values())

@@ -46,7 +46,7 @@ class VerdictSettings:
     leaders_share: float = 0.65
     """Of what is explained, what such an effect must explain alone. Source: computing time."""
     leaders_share_if_much_is_left: float = 0.45
-    """The same where what is left would make it `unknown`. Source: tuned; computing time."""
+    """The same where half of what would make it `unknown` is left. Source: tuned; computing time."""
     search_work: float = 3.6e6
     """Readings times columns that steps add, of all searches for causes: beyond it, and for most beyond a part, none
     begins. Source: computing time, about 3 s for 1e6."""

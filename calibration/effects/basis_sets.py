@@ -37,9 +37,10 @@ class BasisSet:
     parameters: values of the effect's other parameters in this basis set; weight: its prior against the effect's other
     basis sets. size: weights with which the first coefficients add up to the size, where that is not what the effect
     says. For the tangent of a curve, curve: the point at which it was taken. departures: further columns, after the
-    others (`calibration.effects.departures`). sign: that of the first coefficient, where mechanics has
-    only one; else 0. one_way: of courses that mechanics lets go one way only, whichever, their steps (t, k) over time
-    by their own k coefficients, in the order of the columns.
+    others (`calibration.effects.departures`). sign: that of the first coefficient, where mechanics has one, else 0.
+    spells: in how many spells of time the main columns act, as many in each, in order: the size is that of the largest.
+    one_way: of courses that mechanics lets go one way only, whichever, their steps (t, k) over time by their own k
+    coefficients, in the order of the columns.
     """
 
     columns: tuple[int, ...]
@@ -50,6 +51,7 @@ class BasisSet:
     size: tuple[float, ...] = ()
     departures: tuple[Departure, ...] = ()
     sign: float = 0.0
+    spells: int = 1
     one_way: tuple[Array, ...] = field(default=(), compare=False)
 
     @property
@@ -109,10 +111,11 @@ class BasisSets:
         sign: that of the first coefficient, where mechanics has only one.
         """
         weights = size if isinstance(size, tuple) else () if size == 1.0 else (size,)
-        self.sets.append(BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=weights, sign=sign))
+        alone = BasisSet(tuple(main), (1.0,) * len(main), parameters, weight, size=weights, sign=sign)
+        self.sets.append(alone)
         if flexible:
             relative = (1.0,) * len(main) + (share,) * len(flexible)
-            self.sets.append(BasisSet((*main, *flexible), relative, parameters, weight, size=weights, sign=sign))
+            self.sets.append(replace(alone, columns=(*main, *flexible), relative=relative))
 
     def keep_one_way(self, steps: Array, *, since: int) -> None:
         """The basis sets from number `since` on, of k main columns and multiples of k flexible ones, must not turn:
@@ -121,6 +124,10 @@ class BasisSets:
         for number in range(since, len(self.sets)):
             courses = len(self.sets[number].columns) // steps.shape[1]
             self.sets[number] = replace(self.sets[number], one_way=(steps,) * courses)
+
+    def act_in_spells(self, count: int, *, since: int) -> None:
+        """The main columns of the basis sets from number `since` on act in so many spells of time, as many in each."""
+        self.sets[since:] = [replace(basis_set, spells=count) for basis_set in self.sets[since:]]
 
     def without_forms(self, names: Collection[str]) -> BasisSets:
         """The same columns; basis sets without those of some forms, and without sets that are made of them."""

@@ -7,6 +7,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, geometric_series, varies
 from calibration.effects.basis_functions import any_course, cosine_basis, tensor_product, wave_of
+from calibration.effects.onsets import ONSET
 
 REFERENCE_SPEED_M_PER_S = 0.5
 DWELL_TIMES_S = geometric_series(0.5, 16.0, 7)
@@ -193,7 +194,10 @@ EFFECTS = (
         reveals="the other drive's coordinate, reflectors on the sliders",
         confounded=("screw_cumulative_error",),
         forms=coupling,
-        others=(EffectParameter("period_m", *TURNS_M, "m", "of what repeats with the other", aliased=True),),
+        others=(
+            EffectParameter("period_m", *TURNS_M, "m", "of what repeats with the other", aliased=True),
+            ONSET,
+        ),
         untested=_untested_with_one_drive,
         textbook=Textbook("in_proportion", "ISO 230-1: squareness and parallelism of axes"),
         varies_with=(
@@ -217,6 +221,7 @@ EFFECTS = (
         reveals="readings on the fly at several speeds, or short rests",
         confounded=("servo_settling",),
         forms=latency,
+        others=(ONSET,),
         untested=_untested_at_rest,
         textbook=Textbook("dead_time", "Åström, Hägglund, PID Controllers: dead time"),
         varies_with=("speed", "time", "course", "temperature"),

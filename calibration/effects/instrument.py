@@ -174,6 +174,7 @@ EFFECTS = (
         reveals="angles against height and distance, all reflectors and nests alike",
         confounded=("tracker_drift",),
         forms=refraction,
+        others=(ONSET,),
         textbook=Textbook("uniform", "Rüeger, Electronic Distance Measurement: a uniform gradient along the path"),
         varies_with=("time", "course", "temperature"),
         order=160,

@@ -14,6 +14,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, varies
 from calibration.effects.basis_functions import any_course, cosine_basis, tensor_product
+from calibration.effects.onsets import ONSET
 from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
 
@@ -108,8 +109,11 @@ def _add_slipped(sets: BasisSets, inputs: EffectInputs, mounted: Array) -> None:
     for onset_s, prior in of_moments.items():
         after = moment * (inputs.context.elapsed_s >= onset_s)
         slipped = [c for channel in _of_centre(inputs) for c in sets.add((channel, after), form="slipped")]
-        beside = _by_strut(sets, inputs, [*centre, *slipped])
-        sets.add_set((*centre, *slipped), beside, weight=SLIPPED_WEIGHT * prior, onset_s=onset_s)
+        before = [c for channel in _of_centre(inputs) for c in sets.add((channel, moment - after), form="slipped")]
+        beside = _by_strut(sets, inputs, [*before, *slipped])
+        first = len(sets.sets)
+        sets.add_set((*before, *slipped), beside, weight=SLIPPED_WEIGHT * prior, onset_s=onset_s)
+        sets.act_in_spells(2, since=first)
 
 
 def _by_side(inputs: EffectInputs) -> Array:
@@ -166,6 +170,7 @@ EFFECTS = (
         reveals="several payloads",
         confounded=("column_compliance", "link_stiffness"),
         forms=payload,
+        others=(ONSET,),
         untested=_untested_with_one_payload,
         textbook=Textbook("in_proportion", "Merlet, Parallel Robots, ch. 9: the platform's equilibrium under a weight"),
         stated_u=_u_payload_kg,

@@ -18,6 +18,7 @@ from calibration.effects.api import (
 )
 from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, tensor_product
 from calibration.effects.departures import WARMTH_S
+from calibration.effects.onsets import ONSET
 
 LEAST_PAUSES, REST_TERMS, PAUSE_WEIGHT = 0.7, 4, 0.3  # of the logarithm of the rest before a motion
 LOAD_TERMS = 3  # of any function of the load, or of what presses a carriage into its guides
@@ -186,6 +187,7 @@ EFFECTS = (
         reveals="both directions of approach",
         confounded=("friction_windup", "servo_settling"),
         forms=backlash,
+        others=(ONSET,),
         untested=_untested_from_one_side,
         declared=lambda nuisance: 2.0 * nuisance.reversal_m,
         textbook=Textbook("play", "ISO 230-2: reversal value, half of it either side"),
@@ -200,6 +202,7 @@ EFFECTS = (
         reveals="torque: both directions and payloads",
         confounded=("backlash", "column_compliance"),
         forms=friction_windup,
+        others=(ONSET,),
         untested=_untested_without_force,
         textbook=Textbook("torque", "Slocum, Precision Machine Design: wind-up of a screw, Hooke's law"),
         differs_by_visit=True,

@@ -20,6 +20,7 @@ from calibration.effects.api import (
 )
 from calibration.effects.basis_functions import cosine_basis, tensor_product
 from calibration.effects.compliant_columns import LOAD_TERMS, compliance
+from calibration.effects.onsets import ONSET
 from calibration.effects.softening import add_softening
 from calibration.effects.strut_laws import (
     ElongationLaw,
@@ -196,6 +197,7 @@ EFFECTS = (
         reveals="payload, reflectors on the sliders, height",
         confounded=("friction_windup", "link_stiffness"),
         forms=compliance,
+        others=(ONSET,),
         untested=_untested_with_one_payload,
         textbook=Textbook("force", "Timoshenko, Strength of Materials: Hooke's law"),
         varies_with=SOFTNESS_VARIES_WITH,
@@ -208,6 +210,7 @@ EFFECTS = (
         reveals="payload",
         confounded=("joint_clearance", "column_compliance"),
         forms=link_stiffness,
+        others=(ONSET,),
         untested=_untested_with_one_payload,
         curves=link_stiffness_curves,
         textbook=Textbook("tension", "Timoshenko, Strength of Materials: Hooke's law, springs in series"),

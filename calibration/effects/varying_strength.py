@@ -24,13 +24,12 @@ ONSET_WEIGHT = 0.5  # of a strength that changes at a moment, as of what comes l
 
 
 def with_varying_strength(effect: Effect) -> Effect:
-    """The effect with basis sets of its textbook's form times functions of all that its strength varies with; where
-    that is time, also of another strength from a moment on."""
+    """The effect with basis sets of its textbook's form times functions of all that its strength varies with; where it
+    has a parameter `onset_s`, also of another strength from that moment on."""
     textbook, exact_forms = effect.textbook, effect.forms
     if textbook is None or not effect.varies_with:
         return effect
-    repeats = "phase" in effect.varies_with  # a wave of any phase is no single column
-    in_time = "time" in effect.varies_with and not repeats
+    has_onset = any(parameter.name == ONSET.name for parameter in effect.others)
 
     def forms(inputs: EffectInputs, place: int) -> BasisSets:
         built = exact_forms(inputs, place)
@@ -39,27 +38,30 @@ def with_varying_strength(effect: Effect) -> Effect:
         }
         if len(exact) <= MOST_FORMS:
             _add(built, exact, functions_of_strength(inputs, effect, place))
-            if in_time and "t_s" not in inputs.context.not_said:
+            if has_onset and "t_s" not in inputs.context.not_said:
                 _add_changing(built, exact, inputs, f"{effect.name}.{place}", textbook.form)
         return built
 
-    states_it = any(parameter.name == ONSET.name for parameter in effect.others)
-    return replace(effect, forms=forms, others=effect.others if states_it or not in_time else (*effect.others, ONSET))
+    return replace(effect, forms=forms)
 
 
 def _add_changing(built: BasisSets, exact: Mapping[int, BasisSet], inputs: EffectInputs, name: str, form: str) -> None:
-    """Of each column that is the form alone, the form with another strength from a moment on."""
+    """Of each column that is the form alone, the form with one strength until a moment and another one from it on."""
     t = inputs.context.elapsed_s
     for column, basis_set in exact.items():
+        if ONSET.name in basis_set.parameters:  # what sets in at a moment already
+            continue
         contributions = built.contributions[column]
         for onset_s, prior in inputs.strength_onsets(f"{name}.{column}", contributions):
             after = (t >= onset_s).astype(np.float64)
-            (changed,) = built.add(*((c, shape * after) for c, shape in contributions), form=f"{form}_changed")
+            both = np.column_stack([1.0 - after, after])
+            until_and_from = built.add_along(contributions, both, form=f"{form}_changed")
             built.sets.append(
                 replace(
                     basis_set,
-                    columns=(column, changed),
+                    columns=tuple(until_and_from),
                     relative=(1.0, 1.0),
+                    spells=2,
                     parameters={**basis_set.parameters, ONSET.name: onset_s},
                     weight=ONSET_WEIGHT * prior * basis_set.weight,
                 )

@@ -12,7 +12,7 @@ from calibration.diagnosis.cause_size import absorbed_share, relative_u_of_form,
 from calibration.diagnosis.channels import unit_of_channel
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.parameter_uncertainty import aliases, parameter_uncertainty
-from calibration.diagnosis.ranking import Cause, include_cause
+from calibration.diagnosis.ranking import Cause, as_found, include_cause
 from calibration.diagnosis.result import FoundEffect, FoundPlace, Quantity
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
@@ -74,9 +74,7 @@ def summarise_effect(
         effect=first.effect.name,
         place=places[0].place,
         size=places[0].size,
-        probability=ranking[first.effect.name]
-        if main
-        else presence_probability(sum(cause.log_evidence for cause in found), explained, ranking),
+        probability=ranking[first.effect.name] if main else presence_probability(_gain(found), explained, ranking),
         place_probability=places[0].probability,
         raw_sigma=likelihood.linear.rms_shift_sigma(signal),
         visible_sigma=likelihood.linear.rms_shift_sigma(likelihood.linear.after_calibration(signal)),
@@ -85,6 +83,17 @@ def summarise_effect(
         aliases=places[0].aliases,
         places=places,
     )
+
+
+def _gain(found: Sequence[Cause]) -> float:
+    """Log evidence that an effect adds at all its places; of those that are alike, the first part has all of it."""
+    alike = max((cause.log_evidence for cause in found if cause.alike), default=0.0)
+    return alike + sum(cause.log_evidence for cause in found if not cause.alike)
+
+
+def _is_one_with(cause: Cause, other: Cause) -> bool:
+    """Whether two causes have their coefficients in common."""
+    return cause.in_common and other.in_common and cause.effect is other.effect
 
 
 def _summarise_place(
@@ -97,7 +106,7 @@ def _summarise_place(
     of_form = float(relative_u_of_form(absorbed_share(raw, visible)))
     u = math.hypot(u_of_fit, value * of_form)
     given_others = likelihood
-    for other in others:
+    for other in as_found([other for other in others if not _is_one_with(cause, other)]):
         given_others = include_cause(given_others, other)
     effect, parameters = cause.effect, cause.best.basis_set.parameters
     return FoundPlace(

@@ -8,16 +8,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.diagnosis import alike_places, ranking
+from calibration.diagnosis import alike_places, levels_and_causes, ranking
 from calibration.diagnosis.alike_places import CORRELATIONS, alike_at_all_places
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings.effect_summary import summarise_effect
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.place_evidence import evidence_by_place, smallest_size
 from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.search import search_causes
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.twin.joint_fit import JointFit
+from calibration.diagnosis.verdict import presence_probability
 from calibration.effects.catalogue import load_catalogue
 from mock_devices.effects import EffectChoice
 from tests.calibration.diagnosis.campaigns import plant, recorded
@@ -258,3 +260,31 @@ def test_functions_of_a_place_s_own_drive_are_none_that_places_have_in_common(qu
     assert max(len(GROWTH.basis_sets(inputs, 0).sets[k].columns) for k in alike_places._joined(
         [GROWTH.basis_sets(inputs, place) for place in range(4)]
     ).numbers) == 96  # fmt: skip
+
+
+def test_what_alike_places_add_is_counted_once(warm):
+    """The first part has the evidence of all; a further effect at two places of its own has that of both."""
+    likelihood, inputs = warm
+    (growth,) = rank_effects(likelihood, inputs, [GROWTH])
+    assert growth.alike
+    ranking_of_all = {"backlash": 0.9, "link_thermal_growth": 0.05, "none": 0.03, "unknown": 0.02}
+    told = [
+        summarise_effect(parts, [], ranking_of_all, likelihood, inputs, explained=9000.0, main=False).probability
+        for parts in (growth.parts, growth.parts[:1])
+    ]
+    assert told[0] == pytest.approx(told[1])
+    assert told[0] == pytest.approx(presence_probability(growth.log_evidence, 9000.0, ranking_of_all))
+    apart = [replace(part, alike=False, in_common=False, log_evidence=300.0) for part in growth.parts[:2]]
+    summary = summarise_effect(apart, [], ranking_of_all, likelihood, inputs, explained=9000.0, main=False)
+    assert summary.probability == pytest.approx(presence_probability(600.0, 9000.0, ranking_of_all))
+
+
+def test_levels_of_disturbances_meet_one_course_for_all_places(warm, monkeypatch):
+    likelihood, inputs = warm
+    (growth,) = rank_effects(likelihood, inputs, [only_set(courses(inputs))])
+    assert growth.in_common
+    asked = []
+    monkeypatch.setattr(levels_and_causes, "LevelPosterior", lambda linear, included=None: asked.append(included))
+    searched = levels_and_causes.SearchOfLevelsAndCauses(likelihood, inputs, [GROWTH])
+    searched._posterior_with(growth.parts)
+    assert asked[-1].shape[2] == len(growth.contributions)

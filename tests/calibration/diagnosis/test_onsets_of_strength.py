@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from calibration.diagnosis.cause_size import size_of
 from calibration.diagnosis.diagnose import diagnose_and_add
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms, strongest_onsets_of_strength
 from calibration.diagnosis.evidence import MarginalLikelihood
@@ -17,6 +18,7 @@ from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.ranking import rank_effects
 from calibration.diagnosis.twin.answers import RecordedAnswers
 from calibration.diagnosis.twin.twin import Twin
+from calibration.effects.basis_sets import BasisSet
 from calibration.effects.catalogue import load_catalogue
 from calibration.recording.recording import Recording
 from mock_devices.effects import EffectChoice
@@ -59,15 +61,41 @@ def test_moments_are_those_of_least_squares(likelihood, unit):
     assert 0.0 < found[0][1] <= 1.0 / (len(context.history.arrived_s) - 1)
 
 
+def with_play_of(before_m: float, after_m: float) -> Recording:
+    """Play of one drive until BEGIN_S, and from then on."""
+    first, then = (
+        recorded(plant(120, *([EffectChoice("backlash", width_m, "left")] if width_m > 0.0 else [])))
+        for width_m in (before_m, after_m)
+    )
+    late = then["t_rig_s"] - then["t_rig_s"].min() >= BEGIN_S
+    mixed = {name: np.where(late, then[name], first[name]) for name in ("x_m", "y_m", "z_m")}
+    return replace(then, columns={**then.columns, **mixed})
+
+
 @pytest.fixture(scope="module")
 def loose() -> Recording:
-    """Play of one drive that begins at BEGIN_S."""
-    without, with_play = (
-        recorded(plant(120, *choices)) for choices in ((), (EffectChoice("backlash", 3.0e-5, "left"),))
-    )
-    late = with_play["t_rig_s"] - with_play["t_rig_s"].min() >= BEGIN_S
-    mixed = {name: np.where(late, with_play[name], without[name]) for name in ("x_m", "y_m", "z_m")}
-    return replace(with_play, columns={**with_play.columns, **mixed})
+    return with_play_of(0.0, 3.0e-5)
+
+
+@pytest.mark.parametrize(("before_m", "after_m"), [(0.0, 3.0e-5), (3.0e-5, 0.0), (2.0e-5, 4.0e-5)])
+def test_the_size_is_that_of_the_spell_with_more_of_it(before_m, after_m):
+    found = MarginalLikelihood.of(linearise_recording(with_play_of(before_m, after_m)))
+    inputs = inputs_of_recording(found, periodograms(found))
+    (cause,) = rank_effects(found, inputs, [load_catalogue().effect("backlash")])
+    assert "onset_s" in cause.best.basis_set.parameters
+    size_m, u_m = size_of(cause)
+    assert size_m == pytest.approx(max(before_m, after_m), abs=4.0 * u_m + 0.05 * max(before_m, after_m))
+    assert u_m < 3.0e-6
+
+
+@pytest.mark.parametrize(
+    ("weights", "coefficients", "expected"),
+    [((), (2.0, -3.0), (-3.0, 0.4)), ((-1.0,), (0.0, 10.0), (-10.0, 0.4)), ((-1.0,), (9.0, 1.0), (-9.0, 0.3))],
+)
+def test_weights_of_a_size_are_those_of_its_spell(weights, coefficients, expected):
+    basis_set = BasisSet((0, 1), (1.0, 1.0), size=weights, spells=2)
+    best = SimpleNamespace(basis_set=basis_set, coefficients=np.array(coefficients), covariance=np.diag([0.09, 0.16]))
+    assert size_of(SimpleNamespace(best=best, differs_with=())) == pytest.approx(expected)
 
 
 def test_what_comes_loose_at_a_moment_is_told_with_the_moment(loose):

@@ -169,7 +169,8 @@ def test_a_centre_that_slips_lies_elsewhere_from_then_on_whenever_it_is_mounted(
         assert len(slipped) == 1
         (before_x, before_y, after_x, after_y) = (built.contributions[c][0] for c in slipped[0].columns)
         assert [before_x[0], before_y[0], after_x[0], after_y[0]] == ["payload.x", "payload.y"] * 2
-        np.testing.assert_allclose(before_x[1], mounted)
+        np.testing.assert_allclose(before_x[1], mounted * (context.elapsed_s < moment))
+        assert slipped[0].spells == 2
         np.testing.assert_allclose(after_y[1], mounted * (context.elapsed_s >= moment))
         assert {built.named[c] for c in slipped[0].columns} == {"slipped"}
 

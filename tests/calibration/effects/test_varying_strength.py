@@ -7,11 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibration.effects.api import PERIOD, BasisSets, Effect, EffectParameter, Textbook
+from calibration.effects.api import BasisSets, Effect, EffectParameter, Textbook
 from calibration.effects.varying_strength import with_varying_strength
 from tests.calibration.effects.general_functions import typical_inputs
-
-PERIOD_OF_IT = EffectParameter(PERIOD, 1e-3, 1e-1, "m", "of it")
 
 
 @pytest.fixture(scope="module")
@@ -80,6 +78,7 @@ def test_others_stay_as_they_are(inputs, changes):
 
 
 TIMES = ("time",)
+ONSET_OF_IT = EffectParameter("onset_s", 10.0, 1e4, "s", "its own")
 
 
 def test_a_form_has_another_strength_from_the_moments_on_at_which_it_is_asked_to_change(inputs):
@@ -91,37 +90,36 @@ def test_a_form_has_another_strength_from_the_moments_on_at_which_it_is_asked_to
         return [(300.0, 0.5), (900.0, 0.1)]
 
     plain = effect().forms(inputs, 1)
-    changing = with_varying_strength(effect(varies_with=TIMES))
+    changing = with_varying_strength(effect(varies_with=TIMES, others=(ONSET_OF_IT,)))
     built = changing.forms(replace(inputs, strength_onsets=strength_onsets), 1)
     assert sorted(asked) == ["pull.1.0", "pull.1.1"]
     assert all(column == built.contributions[int(name[-1])] for name, column in asked.items())
     found = [s for s in built.sets if "onset_s" in s.parameters]
-    assert [s.columns[0] for s in found] == [0, 0, 1, 1]
+    assert [s.columns[1] - s.columns[0] for s in found] == [1] * 4
     assert [s.parameters["onset_s"] for s in found] == [300.0, 900.0] * 2
     assert [s.parameters["tau_s"] for s in found] == [0.0, 0.0, 1.0, 1.0]
     assert [s.weight / found[0].weight for s in found] == pytest.approx([1.0, 0.2, 1.0, 0.2])
     assert found[0].weight < 0.5 * plain.sets[0].weight
-    for basis_set in found:
-        (_, before), (_, changed) = (built.contributions[c][0] for c in basis_set.columns)
+    for number, basis_set in zip((0, 0, 1, 1), found, strict=True):
+        (_, form), (_, until), (_, from_then) = (built.contributions[c][0] for c in (number, *basis_set.columns))
         after = inputs.context.elapsed_s >= basis_set.parameters["onset_s"]
-        np.testing.assert_array_equal(changed, np.where(after, before, 0.0))
+        np.testing.assert_array_equal(until, np.where(after, 0.0, form))
+        np.testing.assert_array_equal(from_then, np.where(after, form, 0.0))
         assert (basis_set.relative, basis_set.main, basis_set.sign) == ((1.0, 1.0), basis_set.columns, -1.0)
-        assert built.named[basis_set.columns[1]] == "pull_changed"  # a formula, which may be left out
-    assert "onset_s" in {parameter.name for parameter in changing.others}
+        assert basis_set.spells == 2
+        assert {built.named[c] for c in basis_set.columns} == {"pull_changed"}  # a formula, which may be left out
     assert not [s for s in built.without_forms({"pull_changed"}).sets if "onset_s" in s.parameters]
 
 
-def test_an_onset_of_its_own_is_stated_once(inputs):
-    own = EffectParameter("onset_s", 10.0, 1e4, "s", "its own")
-    assert with_varying_strength(effect(varies_with=TIMES, others=(own,))).others == (own,)
-
-
-@pytest.mark.parametrize("changes", [{"varies_with": ("rest",)}, {"varies_with": ("time", "phase")}])
-def test_what_does_not_vary_with_time_or_repeats_is_not_asked_when_it_changes(inputs, changes):
+def test_what_has_no_onset_or_sets_in_already_is_not_asked_when_it_changes(inputs):
     def strength_onsets(name, column):
         raise AssertionError(name)
 
-    plain = effect(varies_with=("rest",))
-    varying = with_varying_strength(replace(plain, others=(PERIOD_OF_IT,), **changes))
-    varying.forms(replace(inputs, strength_onsets=strength_onsets), 0)
-    assert varying.others == (PERIOD_OF_IT,)
+    def sets_in(inputs, place):
+        sets = pulled(2)(inputs, place)
+        sets.sets = [replace(s, parameters={"onset_s": 100.0}) for s in sets.sets]
+        return sets
+
+    for changes in ({}, {"others": (ONSET_OF_IT,), "forms": sets_in}):
+        varying = with_varying_strength(effect(varies_with=TIMES, **changes))
+        varying.forms(replace(inputs, strength_onsets=strength_onsets), 0)

@@ -22,9 +22,7 @@ from calibration.effects.columns import ColumnsByChannel, Contributions
 
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
 MOST_COLUMNS = 15  # of a basis set with coefficients of each place: more are any function, which is another at each
-MOST_IN_COMMON = (
-    100  # of one with common ones only, of the same functions, as the course of a heater that warms them all
-)
+MOST_IN_COMMON = 100  # of one with common ones only, of the same functions, as the course of a heater
 SAME_FUNCTION = 1e-6  # below which the cosine between two functions may be less than one
 ALTERNATIONS = 3  # between common coefficients and shares of them
 SHARES = 0.5  # standard deviation of what a place has of common coefficients, over the mean
@@ -113,8 +111,8 @@ class _Spread:
 
 @dataclass(frozen=True)
 class _Joined:
-    """Basis sets that all places have, by their numbers there, and their columns at all places at
-    once, in which they are counted anew."""
+    """Basis sets that all places have, by their numbers there, and their columns at all places at once, in which they
+    are counted anew."""
 
     numbers: tuple[int, ...]
     sets: tuple[BasisSet, ...]

@@ -12,6 +12,7 @@ from calibration.diagnosis import alike_places, levels_and_causes, ranking
 from calibration.diagnosis.alike_places import CORRELATIONS, alike_at_all_places
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.findings import effect_summary
 from calibration.diagnosis.findings.effect_summary import summarise_effect
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.place_evidence import evidence_by_place, smallest_size
@@ -288,3 +289,19 @@ def test_levels_of_disturbances_meet_one_course_for_all_places(warm, monkeypatch
     searched = levels_and_causes.SearchOfLevelsAndCauses(likelihood, inputs, [GROWTH])
     searched._posterior_with(growth.parts)
     assert asked[-1].shape[2] == len(growth.contributions)
+
+
+def test_a_place_is_not_asked_beside_a_free_course_at_each_of_the_others(warm, monkeypatch):
+    """Of what has its course in common; a further effect stands beside it once, however many places it is at."""
+    likelihood, inputs = warm
+    (growth,) = rank_effects(likelihood, inputs, [only_set(courses(inputs))])
+    assert growth.in_common
+    asked, real = [], effect_summary.include_cause
+    monkeypatch.setattr(effect_summary, "include_cause", lambda of, cause: asked.append(cause) or real(of, cause))
+    other = rank_effects(likelihood, inputs, [load_catalogue().effect("latency")])[0]
+    ranking_of_all = {"link_thermal_growth": 0.9, "none": 0.05, "unknown": 0.05}
+    summarise_effect(growth.parts, [other], ranking_of_all, likelihood, inputs, explained=100.0, main=True)
+    assert [cause.effect.name for cause in asked] == ["latency"] * 4
+    asked.clear()
+    summarise_effect([other], growth.parts, ranking_of_all, likelihood, inputs, explained=100.0, main=False)
+    assert [len(cause.parts) for cause in asked] == [4]

@@ -15,6 +15,7 @@ UNEVEN_TERMS, UNEVEN_WEIGHT = 14, 0.3  # of what is softer between its bolts
 LEAST_LOAD_CHANGE = 0.1  # of the payload over the largest one
 CREEP_TIMES_S = (400.0, 1600.0)
 PASSED_WEIGHT = 0.05  # of a force on another column that bends this one
+BED_WEIGHT = 0.1  # of weights that bend the bed below all columns
 HUNG_WEIGHT = 0.2  # of a weight that hangs before its column and bends it
 
 
@@ -75,12 +76,18 @@ def _add_passed_on(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
 
 
 def _add_hung_before(sets: BasisSets, inputs: EffectInputs, drive: int) -> None:
-    """What pulls along the axis hangs before the column and bends it, the more the higher the carriage stands."""
+    """What pulls along the axis hangs before the column and bends it, the more the higher the carriage stands; or all
+    that hangs on the columns bends the bed between them, on which they lean."""
     h, pull = inputs.height_m(drive), inputs.pull_along_n(drive)
     for side, turn, sign in inputs.leaning(drive):
         moment = sets.add((side, 0.5 * sign * pull * h**2), (turn, pull * h), form="hung_before")
         elsewhere = sets.add((side, sign * pull * h), (turn, pull))  # bent from another height on
         sets.add_set(moment, elsewhere, share=0.5, weight=HUNG_WEIGHT)
+        on_bed = [elsewhere] + [
+            sets.add((side, sign * inputs.pull_along_n(other) * h), (turn, inputs.pull_along_n(other)))
+            for other in inputs.other_drives(drive)
+        ]
+        sets.add_set([c for columns in on_bed for c in columns], weight=BED_WEIGHT)
 
 
 def _creeping_loads(inputs: EffectInputs) -> list[Array]:

@@ -208,11 +208,27 @@ class ReadingContext:
     def table_corrections_m(self, generation: int, drive_names: Sequence[str], drives: Array) -> Array:
         """What the tables of a generation add to commands (n, d) of the drives; zero for a drive without a table."""
         out = np.zeros_like(drives)
+        for own, table, own_m, partner_m in self._tables_at(generation, drive_names, drives):
+            out[:, own] = table.correction_m(own_m, partner_m)
+        return out
+
+    def table_corrections_at_nodes_m(self, generation: int, drive_names: Sequence[str], drives: Array) -> Array:
+        """The same (n, d, 3) of a control that does not interpolate (`KnownTable.at_nodes_m`)."""
+        out = np.zeros((*drives.shape, 3))
+        for own, table, own_m, partner_m in self._tables_at(generation, drive_names, drives):
+            out[:, own] = table.at_nodes_m(own_m, partner_m)
+        return out
+
+    def _tables_at(
+        self, generation: int, drive_names: Sequence[str], drives: Array
+    ) -> list[tuple[int, KnownTable, Array, Array]]:
+        """Drives with a table of a generation, the table, and coordinates (n,) of the drive and of its partner."""
+        out = []
         for table in self.known_tables:
             if table.generation == generation:
                 own = drive_names.index(table.drive)
                 partner = own if table.partner is None else drive_names.index(table.partner)
-                out[:, own] = table.correction_m(drives[:, own], drives[:, partner])
+                out.append((own, table, drives[:, own], drives[:, partner]))
         return out
 
     former = former_name("previous_drives")

@@ -18,12 +18,15 @@ OTHER_TERMS, OWN_TERMS = 4, 2  # of any function of both axes: of the other, and
 WAVE_TERMS, WAVE_WEIGHT = 24, 0.2  # half waves of any function of the other, from those that turns begin with
 TOGETHER_TERMS = 6  # of any function of both axes together
 DRAGGED_WIDTHS, DRAGGED_WEIGHT = (0.0, 0.1, 0.25, 0.5, 0.75, 1.0), 0.2  # of plays, over half the other's travel
+SWITCHED_WIDTHS, SWITCHED_AT, SWITCHED_WEIGHT = (0.05, 0.15, 0.3), np.linspace(-0.6, 0.6, 9), 0.1  # of switches
 CURVE_TERMS = 5  # of any smooth function of the other
 SPEED_TERMS, LEG_TERMS = 2, 3  # of any function of the speed, and of the length of the last leg
 SHORT_LEG_M = 0.01  # below which a leg's length does not matter
 REST_TERMS = 6  # of any function of the rest
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.02  # of a delay by any course in time
 AGE_TERMS, AGE_WEIGHT = 4, 0.3  # the first of them: a slow course
+STANDING_M_PER_S = 1.0e-3  # below which a drive that crosses another one's motion hardly moves
+WAY_WEIGHT = 0.3  # of a delay by a fixed way, as of a mean over so many counts, against one by a fixed time
 AFTER_EFFECT_S = (0.8, 3.0, 12.0, 50.0, 200.0, 800.0)  # in which a part forgets former motions
 AFTER_EFFECT_WEIGHT = 0.1
 LIMITS_M, WOUND_S = (1.0e-3, 0.05, 0.2, 0.6), (1.0, 3.0, 10.0, 30.0)  # ways that wind up wholly; time constants
@@ -49,6 +52,7 @@ def coupling(inputs: EffectInputs, drive: int) -> BasisSets:
             sets.add_set(sets.add((travel, half * cosine_basis(together, TOGETHER_TERMS))))
         if "history" not in context.not_said:  # and comes after only once it has gone far enough
             sets.add_set(sets.add((travel, half * _dragged_by(inputs, other))), weight=DRAGGED_WEIGHT)
+            sets.add_set(sets.add((travel, half * _switched_by(inputs, other))), weight=SWITCHED_WEIGHT)
         push = 0.25 * context.direction[:, other]
         # By any function of speed and length of the last leg, from which follows how fast the other axis came.
         whatever_speed = cosine_basis(context.speed_m_per_s, SPEED_TERMS, constant=True)
@@ -75,6 +79,14 @@ def _dragged_by(inputs: EffectInputs, other: int) -> Array:
     return (np.stack(dragged, axis=1) - middle) / half
 
 
+def _switched_by(inputs: EffectInputs, other: int) -> Array:
+    """States (n, k), -1 or 1, of switches that another drive passes over, of several hystereses at several places:
+    whatever has thresholds, as a valve on a cam (Preisach's operator; Mayergoyz, Mathematical Models of Hysteresis)."""
+    middle, half = inputs.travel_range_m(other)
+    dragged = [inputs.context.dragged(other, width * half) for width in SWITCHED_WIDTHS]
+    return np.column_stack([np.where(lies >= middle + at * half, 1.0, -1.0) for lies in dragged for at in SWITCHED_AT])
+
+
 def _coordinates_with(inputs: EffectInputs, drive: int, other: int) -> tuple[tuple[float, ...], ...]:
     """Weights of the drives' coordinates over which errors of a drive may repeat with another: the other's alone, as of
     its screw that turns, and the difference of both, as of signals that mix. None where the other had few positions."""
@@ -99,6 +111,13 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
     # Of each drive but the last: how much its delay differs from the others'.
     by_drive = [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", context.velocity_m_per_s[:, a]))]
     sets.add_set(moving, (*any_speed, *by_drive), share=0.6)
+    if np.any(context.moving):
+        # Positions that are means over a fixed way are late by that way, however fast: size is the time at medium speed.
+        v = context.velocity_m_per_s * context.moving[:, None]
+        behind = v / np.hypot(v, STANDING_M_PER_S) * float(np.median(speed[context.moving, 0]))
+        by_way = all_drives(behind, "fixed_way")
+        each_way = [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", behind[:, a]))]
+        sets.add_set(by_way, (*moving, *each_way), share=0.6, weight=WAY_WEIGHT)
     if "t_s" not in context.not_said:
         walk = any_course(context.elapsed_s, COURSE_TERMS)
         course = [c for step in walk.T for c in all_drives(context.velocity_m_per_s * step[:, None])]

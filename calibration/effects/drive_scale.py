@@ -12,6 +12,7 @@ from calibration.effects.onsets import ONSET, untested_in_short_campaign
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.1  # of any course in time, as fine as that of settling, against steps
+CREEP_S, CREEP_WEIGHT = (1200.0, 3600.0, 10800.0), 0.3  # in which a belt, tape or band stretches, from the beginning on
 MOTIONS_WEIGHT = 0.1  # of what its own motions leave of a zero
 HEAT_S = (300.0, 900.0, 2700.0)  # in which a part near its reading head forgets their heat
 EACH_TIME_TERMS = 12  # of any function of the number of the exchange
@@ -19,7 +20,8 @@ EXCHANGES_WEIGHT = 0.02  # of a zero that is another one after each exchange
 
 
 def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
-    """From a moment on a drive counts with another scale or zero: a scale that slipped, a lost reference, homed anew.
+    """From a moment on a drive counts with another scale or zero: a scale that slipped, a lost reference, homed anew;
+    or it creeps, as a new belt stretches.
 
     Scale and zero error of a linear axis (ISO 230-2; Slocum, Precision Machine Design, SME 1992, ch. 2), in steps.
     """
@@ -47,6 +49,9 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
             steps = np.column_stack([after(onset) for onset, _ in changes])
             first, prior = changes[0]
             sets.add_set(column(steps), other(steps), share=1.0, weight=weight * SEVERAL_WEIGHT * prior, onset_s=first)
+    for tau_s in CREEP_S:
+        crept = 1.0 - np.exp(-t / tau_s)
+        sets.add_set(scale(crept, "creep"), zero(crept, "creep"), share=1.0, weight=CREEP_WEIGHT)
     # Any course in time.
     of_scale, of_zero = (course_with_jumps(t, COURSE_TERMS, [at for at, _ in onsets]) for onsets in (scales, zeros))
     sets.add_set(scale(of_scale), zero(of_scale), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))

@@ -16,7 +16,7 @@ from calibration.effects.api import (
     Textbook,
     varies,
 )
-from calibration.effects.basis_functions import cosine_basis, curve_over, rises_of_curve, tensor_product
+from calibration.effects.basis_functions import any_course, cosine_basis, curve_over, rises_of_curve, tensor_product
 from calibration.effects.departures import WARMTH_S
 from calibration.effects.onsets import ONSET
 
@@ -28,6 +28,7 @@ LEAST_N = 1e-9  # of what presses across a guide: less is nothing
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
 DRAG_TERMS, DRAG_WEIGHT = 6, 0.2  # of any function of the place by which something drags beside the weight
+RUN_IN_TERMS = 12  # of any course by which it does, in time or over the way that it has gone
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 LEAST_KG = 1e-9  # of what moves, where no mass is stated
@@ -99,17 +100,24 @@ def friction_windup(inputs: EffectInputs, drive: int) -> BasisSets:
 
 def _add_friction_beside_load(sets: BasisSets, inputs: EffectInputs, drive: int, by_weight: Sequence[int]) -> None:
     """What the load winds up, the weight in the torque or what the struts pull, and beside it friction of covers and
-    seals, by any function of the place, or of grease that the speed stirs and motions warm."""
+    seals, by any function of the place, of time or of the way as they run in, or of grease that the speed stirs and
+    motions warm."""
     travel, context = f"travel.{inputs.drive(drive)}", inputs.context
     loads, pull_n = [by_weight] if by_weight else [], inputs.pull_along_n(drive)
     if varies(pull_n, PRESSED_LEAST * max(float(np.abs(pull_n).max()), LEAST_N)):
         loads.append(sets.add((travel, pull_n), form="pull"))
     dragged = -FRICTION_SHARE * RATED_N * context.direction[:, drive]
+    one = np.ones(len(context))
     functions = [cosine_basis(context.drives[:, drive], DRAG_TERMS, constant=True)]
+    if "t_s" not in context.not_said:
+        functions.append(np.column_stack([one, any_course(context.elapsed_s, RUN_IN_TERMS)]))
+    if "history" not in context.not_said:
+        way_m = context.way_m(drive)
+        functions.append(np.column_stack([one, any_course(way_m / max(float(way_m.max()), 1e-9), RUN_IN_TERMS)]))
     if "speed_m_per_s" not in context.not_said:
         stirred = cosine_basis(context.speed_m_per_s, WARMTH_TERMS, constant=True)
         warm = [cosine_basis(course, WARMTH_TERMS) for course in _warmths(inputs, drive)]
-        functions.append(tensor_product(stirred, np.column_stack([np.ones(len(stirred)), *warm])))
+        functions.append(tensor_product(stirred, np.column_stack([one, *warm])))
     for by_coordinate in functions:
         drag = sets.add((travel, dragged[:, None] * by_coordinate))
         for load in loads:

@@ -181,6 +181,17 @@ class KnownTable(Section):
             raise ValueError(f"'corrections_m' holds {len(self.own_m)} lists of {columns}, one value a node")
         return self
 
+    def at_nodes_m(self, own_m: Array, partner_m: Array) -> Array:
+        """Corrections (n, 3) of a control that does not interpolate, at coordinates (n,) of the drive and its partner:
+        of the node of the drive below and above, and of those of both drives below."""
+        corrections = np.array(self.corrections_m)
+        row, up = _cell(self.own_m, own_m)
+        column, along = _cell(self.partner_m or (0.0,), partner_m)
+        beside = np.minimum(column + 1, corrections.shape[1] - 1)
+        below, above = row + (up >= 1.0), row + (up > 0.0)
+        of_node = [(1.0 - along) * corrections[r, column] + along * corrections[r, beside] for r in (below, above)]
+        return np.column_stack([*of_node, corrections[below, np.where(along >= 1.0, beside, column)]])
+
     def correction_m(self, own_m: Array, partner_m: Array) -> Array:
         """Corrections (n,) at commanded coordinates (n,) of the drive and of its partner."""
         corrections = np.array(self.corrections_m)

@@ -1,7 +1,7 @@
 """Makes an archive of recordings of another simulator (docs/explanation/other-simulator.md).
 
-    python -m benchmarks.other_simulator --archive first|second|space|third|fourth|fifth|sixth|seventh|eighth|ninth
-        --out FOLDER [--n N] [--processes 1]
+    python -m benchmarks.other_simulator --archive first|second|space|third|fourth|fifth|sixth|seventh|eighth|ninth|
+        tenth --out FOLDER [--n N] [--processes 1]
 
 Writes FOLDER/recordings.tar.xz in the form that `make independent DATA=FOLDER` reads, of the first N recordings or of
 all. Each recording is the same whatever N is. What is made stays in FOLDER/cases, in one folder for each state of this

@@ -18,6 +18,7 @@ from benchmarks.other_simulator.forms.catalogue import (
     SEVENTH,
     SIXTH,
     SPACE,
+    TENTH,
     THIRD,
     names_of_forms,
 )
@@ -25,11 +26,11 @@ from benchmarks.other_simulator.nominal import DELTA, PLANAR, STEWART
 
 SEEDS = {
     FIRST: 1101, SECOND: 2202, SPACE: 3303, THIRD: 4404, FOURTH: 5505, FIFTH: 6606, SIXTH: 7707, SEVENTH: 8808,
-    EIGHTH: 9909, NINTH: 10910,
+    EIGHTH: 9909, NINTH: 10910, TENTH: 11011,
 }  # fmt: skip
 NUMBERED_FROM = {
     FIRST: 0, SECOND: 300, SPACE: 600, THIRD: 900, FOURTH: 1200, FIFTH: 1500, SIXTH: 1800, SEVENTH: 2100, EIGHTH: 2400,
-    NINTH: 2700,
+    NINTH: 2700, TENTH: 3000,
 }  # fmt: skip
 SINGLE, PAIR, NULL = "single", "pair", "null"
 EACH, PAIRS, NULLS, SPATIAL_NULLS, SPATIAL_MORE = 3, 14, 24, 14, 16

@@ -29,6 +29,7 @@ from benchmarks.other_simulator.forms import (
     outside_second,
     outside_seventh,
     outside_sixth,
+    outside_tenth,
     outside_third,
     rig,
     screws,
@@ -42,6 +43,10 @@ from benchmarks.other_simulator.forms import (
     sixth_struts,
     station,
     struts,
+    tenth_drives,
+    tenth_machine,
+    tenth_readings,
+    tenth_struts,
     third_drives,
     third_machine,
     third_readings,
@@ -50,7 +55,8 @@ from benchmarks.other_simulator.forms.form import Form
 
 FIRST, SECOND, SPACE, THIRD = "first", "second", "space", "third"
 FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH, NINTH = "fourth", "fifth", "sixth", "seventh", "eighth", "ninth"
-ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH, NINTH)
+TENTH = "tenth"
+ARCHIVES = (FIRST, SECOND, SPACE, THIRD, FOURTH, FIFTH, SIXTH, SEVENTH, EIGHTH, NINTH, TENTH)
 OUTSIDE = "outside"
 # The order is part of the draws.
 EFFECTS = (
@@ -91,6 +97,10 @@ _OWN: dict[str, dict[str, tuple[Form, ...]]] = {
     NINTH: {
         **ninth_struts.FORMS, **ninth_machine.FORMS, **ninth_drives.FORMS, **ninth_readings.FORMS,
         OUTSIDE: outside_ninth.FORMS,
+    },
+    TENTH: {
+        **tenth_struts.FORMS, **tenth_machine.FORMS, **tenth_drives.FORMS, **tenth_readings.FORMS,
+        OUTSIDE: outside_tenth.FORMS,
     },
 }  # fmt: skip
 _SOURCES = {archive: (archive,) for archive in _OWN} | {SPACE: (FIRST, SECOND)}

@@ -145,13 +145,13 @@ independent: $(VENV)/dev.stamp
 		$(if $(GROSS),--gross) $(if $(FAR),--far) $(if $(FINAL),--final)
 
 # The diagnosis on a second simulator of campaigns (docs/explanation/other-simulator.md): makes ARCHIVE=first,
-# second, third, fourth, fifth, sixth, seventh, eighth, ninth or space in OUT (runs/other-simulator/ARCHIVE), then checks it as `independent`;
-# answers lie in it. Of `ninth` and `space` it does not say what was misjudged. N=10 for the first ten recordings. Stopped, it goes on.
+# second, third, fourth, fifth, sixth, seventh, eighth, ninth, tenth or space in OUT (runs/other-simulator/ARCHIVE), then checks it as `independent`;
+# answers lie in it. Of `tenth` and `space` it does not say what was misjudged. N=10 for the first ten recordings. Stopped, it goes on.
 other-simulator: OUT ?= runs/other-simulator/$(ARCHIVE)
 other-simulator: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.other_simulator --archive "$(ARCHIVE)" --out "$(OUT)" $(if $(N),--n $(N))
 	$(BIN)/python -m benchmarks.independent.run --data "$(OUT)" --out "$(OUT)/answers" \
-		$(if $(filter ninth space,$(ARCHIVE)),--totals)
+		$(if $(filter tenth space,$(ARCHIVE)),--totals)
 
 # The diagnosis on structures without a named formula (docs/explanation/structures.md): N cases (100), SEED (1). Stopped, it
 # goes on; a larger N adds cases.

@@ -208,18 +208,18 @@ class ReadingContext:
     def table_corrections_m(self, generation: int, drive_names: Sequence[str], drives: Array) -> Array:
         """What the tables of a generation add to commands (n, d) of the drives; zero for a drive without a table."""
         out = np.zeros_like(drives)
-        for own, table, own_m, partner_m in self._tables_at(generation, drive_names, drives):
+        for own, table, own_m, partner_m in self.tables_at(generation, drive_names, drives):
             out[:, own] = table.correction_m(own_m, partner_m)
         return out
 
     def table_corrections_at_nodes_m(self, generation: int, drive_names: Sequence[str], drives: Array) -> Array:
         """The same (n, d, 3) of a control that does not interpolate (`KnownTable.at_nodes_m`)."""
         out = np.zeros((*drives.shape, 3))
-        for own, table, own_m, partner_m in self._tables_at(generation, drive_names, drives):
+        for own, table, own_m, partner_m in self.tables_at(generation, drive_names, drives):
             out[:, own] = table.at_nodes_m(own_m, partner_m)
         return out
 
-    def _tables_at(
+    def tables_at(
         self, generation: int, drive_names: Sequence[str], drives: Array
     ) -> list[tuple[int, KnownTable, Array, Array]]:
         """Drives with a table of a generation, the table, and coordinates (n,) of the drive and of its partner."""

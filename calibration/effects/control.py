@@ -111,13 +111,11 @@ def latency(inputs: EffectInputs, _: int) -> BasisSets:
     # Of each drive but the last: how much its delay differs from the others'.
     by_drive = [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", context.velocity_m_per_s[:, a]))]
     sets.add_set(moving, (*any_speed, *by_drive), share=0.6)
-    if np.any(context.moving):
-        # Positions that are means over a fixed way are late by that way, however fast: size is the time at medium speed.
-        v = context.velocity_m_per_s * context.moving[:, None]
-        behind = v / np.hypot(v, STANDING_M_PER_S) * float(np.median(speed[context.moving, 0]))
-        by_way = all_drives(behind, "fixed_way")
-        each_way = [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", behind[:, a]))]
-        sets.add_set(by_way, (*moving, *each_way), share=0.6, weight=WAY_WEIGHT)
+    # Positions that are means over a fixed way are late by that way, however fast: by its time at the reference speed.
+    v = context.velocity_m_per_s * context.moving[:, None]
+    behind = REFERENCE_SPEED_M_PER_S * v / np.hypot(v, STANDING_M_PER_S)
+    each_way = [c for a in drives[:-1] for c in sets.add((f"travel.{inputs.drive(a)}", behind[:, a]))]
+    sets.add_set(all_drives(behind, "fixed_way"), (*moving, *each_way), share=0.6, weight=WAY_WEIGHT)
     if "t_s" not in context.not_said:
         walk = any_course(context.elapsed_s, COURSE_TERMS)
         course = [c for step in walk.T for c in all_drives(context.velocity_m_per_s * step[:, None])]

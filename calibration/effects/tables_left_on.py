@@ -15,7 +15,6 @@ PART_TERMS = 12  # of a share of it that may begin or end anywhere along its dri
 BESIDE_M = (0.03, 0.08, 0.15, 0.22)  # beside its own place, at which a table may be looked up
 WALK_TERMS = 12  # of what may be otherwise at any time
 WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
-STANDING_AT = (0.0, 0.5, 1.0)  # of the other drives' range, at which a control may take them to stand
 ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
 
 
@@ -118,7 +117,6 @@ def _add_tables_of_other_drives(sets: BasisSets, inputs: EffectInputs) -> None:
 def _add_tables_read_otherwise(sets: BasisSets, inputs: EffectInputs) -> None:
     """A control may not interpolate between a table's nodes, or not know of the drive on which it also depends."""
     context, drives = inputs.context, inputs.machine.drive_names
-    low, high = context.drives.min(axis=0), context.drives.max(axis=0)
     for generation in context.table_generations:
         corrections = context.table_corrections_m(generation, drives, context.drives)
         acting = [a for a in range(len(drives)) if np.any(corrections[:, a])]
@@ -128,15 +126,18 @@ def _add_tables_read_otherwise(sets: BasisSets, inputs: EffectInputs) -> None:
         held = sets.add(*((f"travel.{drives[a]}", at_nodes[:, a]) for a in acting), form="not_interpolated")
         for column in held:
             sets.add_set([column], weight=ONE_DRIVE_WEIGHT / len(held))
-        standing = np.zeros((*context.drives.shape, len(STANDING_AT)))
-        for k, share in enumerate(STANDING_AT):
-            for a in acting:
-                stands = np.broadcast_to(low + share * (high - low), context.drives.shape).copy()
-                stands[:, a] = context.drives[:, a]
-                standing[:, a, k] = context.table_corrections_m(generation, drives, stands)[:, a]
-        if np.any(np.ptp(standing, axis=2) > 0.0):
-            parts = [c for a in acting for c in sets.add((f"travel.{drives[a]}", standing[:, a]), form="partner_stands")]
-            sets.add_set(parts, weight=ONE_DRIVE_WEIGHT)
+        tables = context.tables_at(generation, drives, context.drives)
+        if any(table.partner for _, table, _, _ in tables):
+            stands_anywhere = [
+                c
+                for a, table, own_m, _ in tables
+                for node_m in table.partner_m or (0.0,)
+                for c in sets.add(
+                    (f"travel.{drives[a]}", table.correction_m(own_m, np.full_like(own_m, node_m))),
+                    form="partner_stands",
+                )
+            ]
+            sets.add_set(stands_anywhere, weight=ONE_DRIVE_WEIGHT)
 
 
 def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:

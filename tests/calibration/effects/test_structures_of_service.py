@@ -11,6 +11,7 @@ from calibration.effects.api import Effect
 from calibration.effects.basis_functions import tensor_product
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.departures import functions_it_varies_with, functions_of_change
+from calibration.recording.header import KnownTable
 from tests.calibration.diagnosis.dense import with_forms_at
 from tests.calibration.effects.general_functions import typical_inputs
 from tests.calibration.effects.test_structures import LEAST, explained, faded, moved_m, scaled
@@ -44,6 +45,53 @@ def tables_left_on__at_another_drive(inputs):
     (table,) = (t for t in inputs.context.known_tables if t.generation == 4 and t.drive == "left")
     right = inputs.context.drives[:, 1]
     return {"travel.right": table.correction_m(right, right)}
+
+
+def tables_left_on__not_interpolated(inputs):
+    """The correction of a node holds until the next one is passed."""
+    own_m, (table,) = inputs.context.drives[:, 0], inputs.context.known_tables
+    return {"travel.left": np.array([max(zip(table.own_m, table.corrections_m, strict=True), key=lambda node: (
+        node[0] <= q, node[0]))[1][0] for q in own_m.tolist()])}  # fmt: skip
+
+
+def tables_left_on__partner_stands(inputs):
+    """A control that is not told of the second drive takes it as standing at one place for good."""
+    own_m, (table,) = inputs.context.drives[:, 0], inputs.context.known_tables
+    return {"travel.left": table.correction_m(own_m, np.full_like(own_m, 1.2))}
+
+
+def drive_scale__new_belt(inputs):
+    """A new belt to the encoder stretches from the beginning on, by ever less, about where it is clamped."""
+    stretched = np.log1p(inputs.context.elapsed_s / 1500.0)
+    return {"scale.left": 1e-5 * stretched, "travel.left": -3e-6 * stretched}
+
+
+def latency__mean_over_a_way(inputs):
+    """Positions are means over so many counts of the scale: behind by as much at any speed."""
+    v = inputs.context.velocity_m_per_s * inputs.context.moving[:, None]
+    return {"travel.left": -np.sign(v[:, 0]), "travel.right": -0.8 * np.sign(v[:, 1])}
+
+
+def axis_coupling__switched(inputs):
+    """A valve that a cam of the other drive switches, above one place on and below another one off."""
+    place, on = inputs.context.history.drives[:, 1], False
+    middle, half, states = *inputs.travel_range_m(1), []
+    for here in place.tolist():
+        on = here > middle + 0.15 * half or (on and here >= middle - 0.15 * half)
+        states.append(1.0 if on else -1.0)
+    return {"travel.left": np.array(states)[inputs.context.arrival]}
+
+
+def column_compliance__bed(inputs):
+    """All that hangs on the columns bends the bed between them: each leans, the more the higher its carriage stands."""
+    lean = inputs.pull_along_n(0) + 0.7 * inputs.pull_along_n(1)
+    return {"turn.left.z": lean, "sideways.left.x": -lean * inputs.height_m(0)}
+
+
+def friction_windup__run_in(inputs):
+    """New wipers drag hard at first and run in with the way; the load winds up what turns the screw as well."""
+    drag = 0.2 + 0.8 * np.exp(-3.0 * scaled(inputs.context.way_m(0)))
+    return {"travel.left": inputs.pull_along_n(0) / 1e4 - inputs.context.direction[:, 0] * drag}
 
 
 def link_stiffness__overloaded(inputs):
@@ -94,7 +142,8 @@ def refraction__dense_air(inputs):
 
 LAWS = (
     column_thermal_growth__foot_and_head, link_thermal_growth__fan, refraction__dense_air, axis_coupling__rope,
-    column_compliance__hung_before,
+    column_compliance__hung_before, column_compliance__bed, drive_scale__new_belt, latency__mean_over_a_way,
+    axis_coupling__switched, friction_windup__run_in,
     tables_left_on__at_another_drive, link_stiffness__overloaded, friction_windup__grease,
 )  # fmt: skip
 LEAST_OF = {
@@ -102,7 +151,13 @@ LEAST_OF = {
     "link_thermal_growth__fan": 0.993,
     "axis_coupling__rope": 1.0 - 1e-9,
     "column_compliance__hung_before": 1.0 - 1e-9,
+    "column_compliance__bed": 1.0 - 1e-9,
     "tables_left_on__at_another_drive": 1.0 - 1e-9,
+    "tables_left_on__not_interpolated": 1.0 - 1e-9,
+    "tables_left_on__partner_stands": 1.0 - 1e-9,
+    "latency__mean_over_a_way": 0.999,
+    "axis_coupling__switched": 1.0 - 1e-9,
+    "friction_windup__run_in": 0.995,
     "link_stiffness__overloaded": 1.0 - 1e-9,
 }
 
@@ -110,6 +165,20 @@ LEAST_OF = {
 @pytest.mark.parametrize("law", LAWS, ids=lambda law: law.__name__)
 def test_a_law_is_within_one_basis_set(long_inputs, law):
     assert explained(long_inputs, law) > LEAST_OF.get(law.__name__, LEAST)
+
+
+@pytest.mark.parametrize("law", [tables_left_on__not_interpolated, tables_left_on__partner_stands])
+def test_a_table_may_be_read_otherwise(long_inputs, law):
+    nodes, rng = np.linspace(0.0, 2.0, 7), np.random.default_rng(8)
+    corrections = (2e-5 * rng.standard_normal((7, 4)) + 1e-5 * np.arange(4)).tolist()
+    partner = law is tables_left_on__partner_stands
+    table = KnownTable(
+        generation=2, drive="left", own_m=tuple(nodes),
+        partner="right" if partner else None, partner_m=(0.0, 0.7, 1.4, 2.0) if partner else None,
+        corrections_m=tuple(tuple(row) if partner else (row[0],) for row in corrections),
+    )  # fmt: skip
+    inputs = replace(long_inputs, context=replace(long_inputs.context, known_tables=(table,)))
+    assert explained(inputs, law) > LEAST_OF.get(law.__name__, LEAST)
 
 
 def strength_left(inputs, effect: Effect, strength, *kinds: str) -> float:

@@ -43,6 +43,20 @@ def test_a_table_without_a_partner_depends_on_its_own_drive_alone():
     np.testing.assert_allclose(ALONE.correction_m(own, np.full(5, 7.0)), expected, atol=1e-15)
 
 
+@given(st.lists(st.tuples(st.floats(-2.0, 3.0), st.floats(-2.0, 3.0)), min_size=1, max_size=20))
+def test_a_table_that_is_not_interpolated_has_what_its_nodes_have(points):
+    own, partner = np.array(points).T
+    below_m = [max((node for node in OWN_M if node <= q), default=OWN_M[0]) for q in own]
+    above_m = [min((node for node in OWN_M if node >= q), default=OWN_M[-1]) for q in own]
+    partner_below_m = [max((node for node in PARTNER_M if node <= q), default=PARTNER_M[0]) for q in partner]
+    expected = [
+        TABLE.correction_m(np.array(at), np.array(beside))
+        for at, beside in ((below_m, partner), (above_m, partner), (below_m, partner_below_m))
+    ]
+    np.testing.assert_allclose(TABLE.at_nodes_m(own, partner), np.column_stack(expected), atol=1e-15)
+    np.testing.assert_array_equal(ALONE.at_nodes_m(np.array([0.2, 0.5, 0.8]), np.zeros(3))[:, 0], [1e-5, 1e-5, 3e-5])
+
+
 def test_known_tables_are_written_and_read_again(header):
     file = header.model_copy(update={"known_tables": (TABLE, ALONE)})
     assert parse_toml(to_toml(file), RecordingFile, "it") == file

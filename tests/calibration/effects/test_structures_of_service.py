@@ -62,7 +62,7 @@ def tables_left_on__partner_stands(inputs):
 
 def drive_scale__new_belt(inputs):
     """A new belt to the encoder stretches from the beginning on, by ever less, about where it is clamped."""
-    stretched = np.log1p(inputs.context.elapsed_s / 1500.0)
+    stretched = 1.0 - np.exp(-inputs.context.elapsed_s / 3600.0)
     return {"scale.left": 1e-5 * stretched, "travel.left": -3e-6 * stretched}
 
 
@@ -155,9 +155,10 @@ LEAST_OF = {
     "tables_left_on__at_another_drive": 1.0 - 1e-9,
     "tables_left_on__not_interpolated": 1.0 - 1e-9,
     "tables_left_on__partner_stands": 1.0 - 1e-9,
+    "drive_scale__new_belt": 1.0 - 1e-9,
     "latency__mean_over_a_way": 0.999,
     "axis_coupling__switched": 1.0 - 1e-9,
-    "friction_windup__run_in": 0.995,
+    "friction_windup__run_in": 1.0 - 1e-6,
     "link_stiffness__overloaded": 1.0 - 1e-9,
 }
 

@@ -149,7 +149,10 @@ def with_departures(
     priors = np.array([way.prior for way in ways])
     logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
     anywhere = anew and effect.place == "smr"  # where nothing else acts
-    possible = [anywhere or _is_possible(*each, wholly, inputs, anew=anew) for each in zip(evidence, ways, strict=True)]
+    possible = [
+        anywhere or _is_possible(entry, way, wholly, inputs, information.information, anew=anew)
+        for entry, way in zip(evidence, ways, strict=True)
+    ]
     logs[np.logical_not(possible)] = -np.inf
     judge_courses(evidence, logs)
     likeliest = int(np.argmax(logs))
@@ -194,12 +197,32 @@ def _departures_by_visit(inputs: EffectInputs, effect: Effect, columns: Sequence
 
 
 def _is_possible(
-    entry: BasisSetEvidence, way: _Way, functions: Mapping[str, Array], inputs: EffectInputs, *, anew: bool
+    entry: BasisSetEvidence,
+    way: _Way,
+    functions: Mapping[str, Array],
+    inputs: EffectInputs,
+    information: Array,
+    *,
+    anew: bool,
 ) -> bool:
     """Whether what was found of a way of departing is something that the effect may do."""
+    if way.kind == "a little":
+        return not _outweighs_its_form(entry, len(way.departures), information)
     if way.kind == "by visit":
         return (_is_by_chance if anew else _is_share_of_form)(entry, way.departures, inputs)
     return way.kind != "wholly" or not _turns(entry, way.departures, functions)
+
+
+def _outweighs_its_form(entry: BasisSetEvidence, departures: int, information: Array) -> bool:
+    """Whether more is seen of what departs from a form than of the form: a little of next to nothing is nothing, and a
+    size that the form's own columns do not bear out would make it anything."""
+    columns, coefficients = np.array(entry.basis_set.columns), entry.coefficients
+
+    def seen(part: slice) -> float:
+        number, of_part = columns[part], coefficients[part]
+        return float(of_part @ information[np.ix_(number, number)] @ of_part)
+
+    return seen(slice(-departures, None)) > seen(slice(0, -departures))
 
 
 def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: Mapping[str, Array]) -> bool:

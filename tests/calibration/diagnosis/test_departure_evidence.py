@@ -114,6 +114,16 @@ def test_a_strength_whose_sign_mechanics_knows_does_not_turn(small, likelihood, 
     assert (max(found.best.basis_set.relative[1:]) >= 0.4) is expected
 
 
+@pytest.mark.parametrize(("mean", "departs"), [(1.0, True), (0.3, True), (0.03, False)])
+def test_a_little_of_next_to_nothing_is_nothing(small, likelihood, mean, departs):
+    """A size that the form itself does not bear out would make a small share of it anything."""
+    along = np.cos(np.pi * (small.context.drives[:, 0] - small.context.drives[:, 0].min()) / 0.8)
+    _, found = planted_with(small, likelihood, with_forms_at(0), mean + 0.2 * (along - along.mean()))
+    along_travel = any(departure.coordinate == "travel.left" for departure in found.best.basis_set.departures)
+    assert along_travel is departs
+    assert (found.gain > 10.0) is departs
+
+
 def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likelihood):
     effect = replace(with_forms_at(0), differs_by_visit=True)
     arrival = small.context.arrival

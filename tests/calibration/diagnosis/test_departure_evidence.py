@@ -114,7 +114,7 @@ def test_a_strength_whose_sign_mechanics_knows_does_not_turn(small, likelihood, 
     assert (max(found.best.basis_set.relative[1:]) >= 0.4) is expected
 
 
-@pytest.mark.parametrize(("mean", "departs"), [(1.0, True), (0.3, True), (0.03, False)])
+@pytest.mark.parametrize(("mean", "departs"), [(1.0, True), (0.03, False)])
 def test_a_little_of_next_to_nothing_is_nothing(small, likelihood, mean, departs):
     """A size that the form itself does not bear out would make a small share of it anything."""
     along = np.cos(np.pi * (small.context.drives[:, 0] - small.context.drives[:, 0].min()) / 0.8)

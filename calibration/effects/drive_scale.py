@@ -6,12 +6,13 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.effects.api import BasisSets, Effect, EffectInputs, EffectParameter, Textbook, strongest_onset
-from calibration.effects.basis_functions import cosine_basis, course_with_jumps
+from calibration.effects.basis_functions import any_course, cosine_basis, course_with_jumps
 from calibration.effects.onsets import ONSET, untested_in_short_campaign
 
 ZERO_WEIGHT = 0.5  # of a zero that changes against a scale that does
 SEVERAL_WEIGHT = 0.5  # of several changes against one
 COURSE_TERMS, COURSE_WEIGHT = 24, 0.1  # of any course in time, as fine as that of settling, against steps
+FINE_TERMS, FINE_WEIGHT = 48, 0.05  # of one as fine as that of a screw's warmth, which acts on the same channel
 CREEP_S, CREEP_WEIGHT = (1200.0, 3600.0, 10800.0), 0.3  # in which a belt, tape or band stretches, from the beginning on
 MOTIONS_WEIGHT = 0.1  # of what its own motions leave of a zero
 HEAT_S = (300.0, 900.0, 2700.0)  # in which a part near its reading head forgets their heat
@@ -56,6 +57,8 @@ def drive_scale(inputs: EffectInputs, drive: int) -> BasisSets:
     of_scale, of_zero = (course_with_jumps(t, COURSE_TERMS, [at for at, _ in onsets]) for onsets in (scales, zeros))
     sets.add_set(scale(of_scale), zero(of_scale), share=1.0, weight=COURSE_WEIGHT, **strongest_onset(scales))
     sets.add_set(zero(of_zero), (), weight=ZERO_WEIGHT * COURSE_WEIGHT, **strongest_onset(zeros))
+    fine = any_course(t, FINE_TERMS)
+    sets.add_set(zero(fine), scale(fine), share=1.0, weight=FINE_WEIGHT, **strongest_onset(zeros))
     if (added := _added_by_motions(inputs, drive)) is not None:  # a belt that creeps, steps that are lost
         sets.add_set(zero(added), (), weight=MOTIONS_WEIGHT)
         heats = [_to_one(inputs.context.motion_heat(drive, tau_s)) for tau_s in HEAT_S]

@@ -66,6 +66,11 @@ def drive_scale__new_belt(inputs):
     return {"scale.left": 1e-5 * stretched, "travel.left": -3e-6 * stretched}
 
 
+def drive_scale__hunting(inputs):
+    """A zero that wanders to and fro sixteen times, as fast as a screw that is cooled on and off gets longer."""
+    return {"travel.left": np.sin(32.0 * np.pi * scaled(inputs.context.elapsed_s))}
+
+
 def latency__mean_over_a_way(inputs):
     """Positions are means over so many counts of the scale: behind by as much at any speed."""
     v = inputs.context.velocity_m_per_s * inputs.context.moving[:, None]
@@ -142,7 +147,7 @@ def refraction__dense_air(inputs):
 
 LAWS = (
     column_thermal_growth__foot_and_head, link_thermal_growth__fan, refraction__dense_air, axis_coupling__rope,
-    column_compliance__hung_before, column_compliance__bed, drive_scale__new_belt, latency__mean_over_a_way,
+    column_compliance__hung_before, column_compliance__bed, drive_scale__new_belt, drive_scale__hunting, latency__mean_over_a_way,
     axis_coupling__switched, friction_windup__run_in,
     tables_left_on__at_another_drive, link_stiffness__overloaded, friction_windup__grease,
 )  # fmt: skip

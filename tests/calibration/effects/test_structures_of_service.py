@@ -147,8 +147,8 @@ def refraction__dense_air(inputs):
 
 LAWS = (
     column_thermal_growth__foot_and_head, link_thermal_growth__fan, refraction__dense_air, axis_coupling__rope,
-    column_compliance__hung_before, column_compliance__bed, drive_scale__new_belt, drive_scale__hunting, latency__mean_over_a_way,
-    axis_coupling__switched, friction_windup__run_in,
+    column_compliance__hung_before, column_compliance__bed, drive_scale__new_belt, drive_scale__hunting,
+    latency__mean_over_a_way, axis_coupling__switched, friction_windup__run_in,
     tables_left_on__at_another_drive, link_stiffness__overloaded, friction_windup__grease,
 )  # fmt: skip
 LEAST_OF = {

@@ -209,7 +209,7 @@ def _is_possible(
     if way.kind == "a little":
         return not _outweighs_its_form(entry, len(way.departures), information)
     if way.kind == "by visit":
-        return (_is_by_chance if anew else _is_share_of_form)(entry, way.departures, inputs)
+        return (anew or _is_share_of_form(entry, way.departures)) and _is_by_chance(entry, way.departures, inputs)
     return way.kind != "wholly" or not _turns(entry, way.departures, functions)
 
 
@@ -239,15 +239,15 @@ def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: 
     return bool(np.mean(strength * entry.basis_set.sign < least) > FEW)
 
 
-def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure], _: EffectInputs) -> bool:
+def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure]) -> bool:
     """Whether what differs by visit may be shares, zero to all, of what acts: then it scatters less than its mean."""
     scatter = np.sqrt(np.mean(entry.coefficients[-len(departures) :] ** 2))
     return bool(scatter < abs(entry.coefficients[departures[0].column]))
 
 
 def _is_by_chance(entry: BasisSetEvidence, departures: Sequence[Departure], inputs: EffectInputs) -> bool:
-    """Whether what is anew at each visit does not follow from when and where that was: neighbours in time, or along
-    the travel of a drive, are no more alike than chance has it."""
+    """Whether what differs from visit to visit does not follow from when and where that was: neighbours in time, or
+    along the travel of a drive, are no more alike than chance has it."""
     coefficients = np.asarray(entry.coefficients[-len(departures) :])
     if len({departure.term for departure in departures}) < FEWEST_BY_CHANCE:
         return False

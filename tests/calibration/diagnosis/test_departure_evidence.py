@@ -132,6 +132,17 @@ def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likeliho
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)
 
 
+@pytest.mark.parametrize("by_chance", [True, False])
+def test_what_follows_the_travel_is_not_another_at_each_visit(small, likelihood, by_chance):
+    """A pitch that is another one on each piece of a screw: a fine function of the place, and no friction."""
+    effect, arrival = replace(with_forms_at(0), differs_by_visit=True), small.context.arrival
+    q = small.context.drives[np.unique(arrival, return_index=True)[1], 0]
+    pieces = np.where(np.sin(4.0 * np.pi * (q - q.min()) / np.ptp(q)) > 0.0, 1.0, 0.2)
+    shares = np.random.default_rng(6).permutation(pieces) if by_chance else pieces
+    _, found = planted_with(small, likelihood, effect, shares[arrival], by_visit=True)
+    assert any(departure.coordinate == "visit" for departure in found.best.basis_set.departures) is by_chance
+
+
 def test_a_general_function_that_changes_has_the_evidence_of_a_dense_mixture(small, likelihood):
     """As likely as one another: that it stays as it is, and that it changes with one of the coordinates wholly, which
     has half of the prior that a form's would have."""

@@ -22,7 +22,7 @@ from calibration.effects.columns import ColumnsByChannel, Contributions
 
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
 MOST_COLUMNS = 15  # of a basis set with coefficients of each place: more are any function, which is another at each
-MOST_IN_COMMON = 100  # of one with common ones only, of the same functions, as the course of a heater
+MOST_IN_COMMON = 100  # of one with common ones only, of courses or the same functions, as of a heater
 SAME_FUNCTION = 1e-6  # below which the cosine between two functions may be less than one
 ALTERNATIONS = 3  # between common coefficients and shares of them
 SHARES = 0.5  # standard deviation of what a place has of common coefficients, over the mean
@@ -129,7 +129,11 @@ def _joined(built: Sequence[BasisSets]) -> _Joined | None:
         if len(basis_set.columns) <= MOST_IN_COMMON
         and not basis_set.one_way
         and all(other.sets[k].columns == basis_set.columns for other in others)
-        and (len(basis_set.columns) <= MOST_COLUMNS or _are_the_same_functions(built, basis_set.columns))
+        and (
+            len(basis_set.columns) <= MOST_COLUMNS
+            or basis_set.courses
+            or _are_the_same_functions(built, basis_set.columns)
+        )
     ]
     used = sorted({c for k in numbers for c in first.sets[k].columns})
     if not used:

@@ -95,8 +95,9 @@ def _add_thermal_sets(
     for tau in TIME_CONSTANTS_S:
         rising = sets.add_along(contributions, 1.0 - np.exp(-t / tau), form=form)
         sets.add_set(rising, rest, share=0.1, tau_s=tau)
-    course = sets.add_along(contributions, any_course(t, FINE_TERMS))
+    course, before = sets.add_along(contributions, any_course(t, FINE_TERMS)), len(sets.sets)
     sets.add_set(course, weight=FINE_WEIGHT, size=rises_of_walk(FINE_TERMS))
+    sets.are_courses(since=before)
     if (mixed := _mixed(inputs, part)) is not None:
         sets.add_set(sets.add_along(contributions, mixed), weight=CURVE_WEIGHT)
     if (own := _of_own_sensor(inputs, part)) is not None:
@@ -192,7 +193,9 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     for course in (t, *heats, *(following for following, _ in _followed(inputs, "drives"))):
         sets.add_set(whichever_end_stays(curve_over(course)), weight=CURVE_WEIGHT, size=2 * rises_of_curve())
     finely = whichever_end_stays(any_course(t, SCREW_TERMS))  # cooled by what goes on and off
+    before = len(sets.sets)
     sets.add_set(finely, weight=FINE_WEIGHT, size=2 * rises_of_walk(SCREW_TERMS))
+    sets.are_courses(since=before)
     return sets
 
 

@@ -43,15 +43,15 @@ def warm():
     return measured(2.0, 2.0, 2.0, 2.0)
 
 
-def only_set(number):
-    """The growth of struts with a single one of its basis sets."""
+def only_set(number, effect=GROWTH):
+    """The growth of struts, or another effect, with a single one of its basis sets."""
 
     def forms(of, place):
-        built = GROWTH.forms(of, place)
+        built = effect.forms(of, place)
         built.sets = [replace(built.sets[number], weight=1.0)]
         return built
 
-    return replace(GROWTH, forms=forms)
+    return replace(effect, forms=forms)
 
 
 def correlated(columns, relative, correlation, size):
@@ -261,6 +261,24 @@ def test_functions_of_a_place_s_own_drive_are_none_that_places_have_in_common(qu
     assert max(len(GROWTH.basis_sets(inputs, 0).sets[k].columns) for k in alike_places._joined(
         [GROWTH.basis_sets(inputs, place) for place in range(4)]
     ).numbers) == 96  # fmt: skip
+
+
+@pytest.mark.parametrize("effect", ["screw_thermal_growth", "column_thermal_growth"])
+def test_a_course_is_had_in_common_whatever_each_place_makes_of_it(quiet, effect):
+    """Oil that flows through all screws, or air about all columns: each grows by where its carriage stands."""
+    likelihood, inputs = quiet
+    growth = load_catalogue().effect(effect)
+    built = [growth.basis_sets(inputs, place) for place in range(2)]
+    number = next(k for k, of_course in enumerate(built[0].sets) if of_course.courses)
+    each = [likelihood.columns([of.contributions[c] for c in of.sets[number].columns]) for of in built]
+    course = np.random.default_rng(3).normal(size=each[0].shape[2])
+    course *= 4.0 / np.sqrt(np.mean((sum(each) @ course) ** 2))
+    grown = likelihood.on(replace(likelihood.linear, residual=likelihood.linear.residual + sum(each) @ course))
+    only = only_set(number, growth)
+    found = alike_at_all_places(grown, inputs, only, smallest_size(likelihood, growth), [np.zeros(1)] * 2)
+    (each_for_itself,) = rank_effects(grown, inputs, [only])
+    assert found.in_common
+    assert found.log_evidence > each_for_itself.log_evidence + 10.0
 
 
 def test_what_alike_places_add_is_counted_once(warm):

@@ -45,6 +45,7 @@ NOTHING = 1e-300
 FEW, LITTLE = 0.05, 0.3
 MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
+ONE_SIDED = 0.9  # of the square of a form, that has one sign for each side of the approach
 FEWEST_BY_CHANCE = 30  # visits, of which chance can be told from a course
 MOST_PRODUCTS_A_VISIT = 0.5  # of more than half as many as visits one fits nearly anything that differs by visit
 
@@ -104,7 +105,8 @@ def with_departures(
         coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
         for coordinate, functions in (a_little | wholly).items()
     }
-    fluctuating = _departures_by_visit(inputs, effect, main if anew else main[:1]) if by_visit and not general else []
+    may_differ = by_visit and not general and (anew or _comes_with_side(inputs, effect, place, contributions[main[0]]))
+    fluctuating = _departures_by_visit(inputs, effect, main if anew else main[:1]) if may_differ else []
     departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
@@ -190,6 +192,20 @@ def _functions_of_change(inputs: EffectInputs, effect: Effect, place: int, colum
     return {name: functions for name, functions in every.items() if columns * functions.shape[1] <= most}
 
 
+def _comes_with_side(inputs: EffectInputs, effect: Effect, place: int, form: Contributions) -> bool:
+    """Whether a form of a drive goes with the side of the approach, as what a stop leaves of friction or play does.
+
+    What the weight winds up is the same after each stop: numbers for the visits would make it anything.
+    """
+    if effect.place != "drive":
+        return True
+    side = inputs.context.direction[:, place]
+    one_way = max(
+        sum(float(np.sum(shape[sign * shape * side > 0.0] ** 2)) for _, shape in form) for sign in (1.0, -1.0)
+    )
+    return one_way > ONE_SIDED * sum(float(np.sum(shape**2)) for _, shape in form)
+
+
 def _departures_by_visit(inputs: EffectInputs, effect: Effect, columns: Sequence[int]) -> list[Departure]:
     """Those of an effect that is another one at each visit, by some of its columns."""
     visits = np.unique(inputs.context.arrival).tolist() if effect.differs_by_visit else []
@@ -209,7 +225,7 @@ def _is_possible(
     if way.kind == "a little":
         return not _outweighs_its_form(entry, len(way.departures), information)
     if way.kind == "by visit":
-        return (anew or _is_share_of_form(entry, way.departures)) and _is_by_chance(entry, way.departures, inputs)
+        return (_is_by_chance if anew else _is_share_of_form)(entry, way.departures, inputs)
     return way.kind != "wholly" or not _turns(entry, way.departures, functions)
 
 
@@ -239,15 +255,15 @@ def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: 
     return bool(np.mean(strength * entry.basis_set.sign < least) > FEW)
 
 
-def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure]) -> bool:
+def _is_share_of_form(entry: BasisSetEvidence, departures: Sequence[Departure], _: EffectInputs) -> bool:
     """Whether what differs by visit may be shares, zero to all, of what acts: then it scatters less than its mean."""
     scatter = np.sqrt(np.mean(entry.coefficients[-len(departures) :] ** 2))
     return bool(scatter < abs(entry.coefficients[departures[0].column]))
 
 
 def _is_by_chance(entry: BasisSetEvidence, departures: Sequence[Departure], inputs: EffectInputs) -> bool:
-    """Whether what differs from visit to visit does not follow from when and where that was: neighbours in time, or
-    along the travel of a drive, are no more alike than chance has it."""
+    """Whether what is anew at each visit does not follow from when and where that was: neighbours in time, or along
+    the travel of a drive, are no more alike than chance has it."""
     coefficients = np.asarray(entry.coefficients[-len(departures) :])
     if len({departure.term for departure in departures}) < FEWEST_BY_CHANCE:
         return False

@@ -11,7 +11,7 @@ from calibration.diagnosis import departure_evidence
 from calibration.diagnosis.basis_set_evidence import SIZES, evidence_of_basis_sets
 from calibration.diagnosis.effect_inputs import inputs_of_readings
 from calibration.diagnosis.one_way import loss_of_one_way
-from calibration.effects.api import BasisSet, EffectParameter
+from calibration.effects.api import BasisSet, BasisSets, EffectParameter
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, steps_over, tensor_product, wave_of
 from calibration.effects.departures import functions_it_varies_with, functions_of_change, functions_of_coordinates
 from tests.calibration.diagnosis.dense import HIGH, LOW, dense, explicit, log_density, with_forms_at
@@ -132,15 +132,19 @@ def test_what_scatters_about_zero_by_visit_is_no_share_of_a_form(small, likeliho
     assert all(departure.coordinate != "visit" for departure in found.best.basis_set.departures)
 
 
-@pytest.mark.parametrize("by_chance", [True, False])
-def test_what_follows_the_travel_is_not_another_at_each_visit(small, likelihood, by_chance):
-    """A pitch that is another one on each piece of a screw: a fine function of the place, and no friction."""
-    effect, arrival = replace(with_forms_at(0), differs_by_visit=True), small.context.arrival
-    q = small.context.drives[np.unique(arrival, return_index=True)[1], 0]
-    pieces = np.where(np.sin(4.0 * np.pi * (q - q.min()) / np.ptp(q)) > 0.0, 1.0, 0.2)
-    shares = np.random.default_rng(6).permutation(pieces) if by_chance else pieces
-    _, found = planted_with(small, likelihood, effect, shares[arrival], by_visit=True)
-    assert any(departure.coordinate == "visit" for departure in found.best.basis_set.departures) is by_chance
+@pytest.mark.parametrize(("weight", "differs"), [(0.0, True), (0.5, True), (2.0, False)])
+def test_what_the_weight_winds_up_is_no_other_one_at_each_visit(small, likelihood, weight, differs):
+    """Only what comes with the side is left by a stop. Numbers for the visits would make the weight's anything."""
+
+    def forms(inputs, place):
+        out = BasisSets()
+        out.add_set(out.add((f"travel.{inputs.drive(place)}", weight + inputs.context.direction[:, place])))
+        return out
+
+    effect, arrival = replace(with_forms_at(0), differs_by_visit=True, forms=forms), small.context.arrival
+    share = np.random.default_rng(6).uniform(0.0, 1.0, int(arrival.max()) + 1)[arrival]
+    _, found = planted_with(small, likelihood, effect, share, by_visit=True)
+    assert any(departure.coordinate == "visit" for departure in found.best.basis_set.departures) is differs
 
 
 def test_a_general_function_that_changes_has_the_evidence_of_a_dense_mixture(small, likelihood):

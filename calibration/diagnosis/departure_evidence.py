@@ -3,10 +3,10 @@
 A basis set is an exact statement, which no real part obeys, and the stronger the signal, the more a small departure
 costs. Beside the exact form there are therefore the form times a smooth function of one coordinate or of all of them: a
 little of any coordinate, wholly of those with which the effect's strength may vary; and for effects that are another
-one at each stop, times a number of its own for each visit. A general function has no form to depart from, but may
-change with a coordinate: then each of its columns is multiplied by functions of that one. Departures are a share of
-what is *seen* of the form: otherwise a form that the calibration absorbs could become anything. That is just what a
-form may do which is anew at each visit.
+one at each stop, times a number of its own for each visit (of a drive's, where it comes with the side of the approach).
+A general function has no form to depart from, but may change with a coordinate: then each of its columns is multiplied
+by functions of that one. Departures are a share of what is *seen* of the form: otherwise a form that the calibration
+absorbs could become anything. That is just what a form may do which is anew at each visit.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ NOTHING = 1e-300
 FEW, LITTLE = 0.05, 0.3
 MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form to depart from a little
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
-ONE_SIDED = 0.9  # of the square of a form, that has one sign for each side of the approach
+ONE_SIDED = 0.9  # of the square of a form at each side of the approach, which has one sign there
 FEWEST_BY_CHANCE = 30  # visits, of which chance can be told from a course
 MOST_PRODUCTS_A_VISIT = 0.5  # of more than half as many as visits one fits nearly anything that differs by visit
 
@@ -105,7 +105,8 @@ def with_departures(
         coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
         for coordinate, functions in (a_little | wholly).items()
     }
-    may_differ = by_visit and not general and (anew or _comes_with_side(inputs, effect, place, contributions[main[0]]))
+    comes_with_side = bool(main) and _comes_with_side(inputs, effect, place, contributions[main[0]])
+    may_differ = by_visit and not general and (anew or comes_with_side)
     fluctuating = _departures_by_visit(inputs, effect, main if anew else main[:1]) if may_differ else []
     departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
@@ -200,10 +201,12 @@ def _comes_with_side(inputs: EffectInputs, effect: Effect, place: int, form: Con
     if effect.place != "drive":
         return True
     side = inputs.context.direction[:, place]
-    one_way = max(
-        sum(float(np.sum(shape[sign * shape * side > 0.0] ** 2)) for _, shape in form) for sign in (1.0, -1.0)
-    )
-    return one_way > ONE_SIDED * sum(float(np.sum(shape**2)) for _, shape in form)
+
+    def is_mostly(sign: float, of_side: float) -> bool:
+        there = [shape[of_side * side > 0.0] for _, shape in form]
+        return sum(float(np.sum(x[sign * x > 0.0] ** 2)) for x in there) > ONE_SIDED * sum(float(x @ x) for x in there)
+
+    return any(is_mostly(sign, 1.0) and is_mostly(-sign, -1.0) for sign in (1.0, -1.0))
 
 
 def _departures_by_visit(inputs: EffectInputs, effect: Effect, columns: Sequence[int]) -> list[Departure]:
@@ -229,16 +232,16 @@ def _is_possible(
     return way.kind != "wholly" or not _turns(entry, way.departures, functions)
 
 
-def _outweighs_its_form(entry: BasisSetEvidence, departures: int, information: Array) -> bool:
-    """Whether more is seen of what departs from a form than of the form: a little of next to nothing is nothing, and a
-    size that the form's own columns do not bear out would make it anything."""
+def _outweighs_its_form(entry: BasisSetEvidence, count: int, information: Array) -> bool:
+    """Whether more is seen of its last columns, which depart from a form, than of the basis set without them: a little
+    of next to nothing is nothing, and a size that the other columns do not bear out would make it anything."""
     columns, coefficients = np.array(entry.basis_set.columns), entry.coefficients
 
     def seen(part: slice) -> float:
         number, of_part = columns[part], coefficients[part]
         return float(of_part @ information[np.ix_(number, number)] @ of_part)
 
-    return seen(slice(-departures, None)) > seen(slice(0, -departures))
+    return seen(slice(-count, None)) > seen(slice(0, -count))
 
 
 def _turns(entry: BasisSetEvidence, departures: Sequence[Departure], functions: Mapping[str, Array]) -> bool:

@@ -205,7 +205,8 @@ class Effect:
     effect. curves: families of columns that are not linear in their parameters; fitted only where the basis sets have
     evidence. measured: how the size follows from several main columns: the norm of their coefficients, or of their RMS
     at each channel, their sum, or RMS or range over the readings of what they contribute at their channel.
-    differs_by_visit: whether what one stop leaves of it the next one may not. anew_by_visit: name of the form of which
+    differs_by_visit: whether what one stop leaves of it the next one may not; of a drive's, where that comes with the
+    side of the approach. anew_by_visit: name of the form of which
     each visit may leave anything, in the direction of each of its columns, rather than a share; empty if none.
     varies_with: coordinates on which its strength may depend wholly; on any other it may depend a little.
     functions_vary_with: coordinates with which its general functions may change, as the line of a guide does with

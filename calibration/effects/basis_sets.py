@@ -40,7 +40,7 @@ class BasisSet:
     others (`calibration.effects.departures`). sign: that of the first coefficient, where mechanics has one, else 0.
     spells: in how many spells of time the main columns act, as many in each, in order: the size is that of the largest.
     courses: whether its columns are courses in time times what the place makes of them, so that several places may have
-    the same ones in common, however many.
+    the same coefficients, however many.
     one_way: of courses that mechanics lets go one way only, whichever, their steps (t, k) over time by their own k
     coefficients, in the order of the columns.
     """
@@ -132,8 +132,8 @@ class BasisSets:
         """The main columns of the basis sets from number `since` on act in so many spells of time, as many in each."""
         self.sets[since:] = [replace(basis_set, spells=count) for basis_set in self.sets[since:]]
 
-    def are_courses(self, *, since: int) -> None:
-        """The columns of the basis sets from number `since` on are courses in time that places may have in common."""
+    def mark_as_courses(self, *, since: int) -> None:
+        """The columns of the basis sets from number `since` on are courses in time (`BasisSet.courses`)."""
         self.sets[since:] = [replace(basis_set, courses=True) for basis_set in self.sets[since:]]
 
     def without_forms(self, names: Collection[str]) -> BasisSets:

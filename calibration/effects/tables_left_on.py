@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import permutations
 
 import numpy as np
@@ -15,6 +16,7 @@ PART_TERMS = 12  # of a share of it that may begin or end anywhere along its dri
 BESIDE_M = (0.03, 0.08, 0.15, 0.22)  # beside its own place, at which a table may be looked up
 WALK_TERMS = 12  # of what may be otherwise at any time
 WALK_WEIGHT = 0.02  # of a table whose weight changes at any time
+MOST_STANDING = 9  # nodes at which a control may take the second drive of a table to stand
 ONE_DRIVE_WEIGHT = 0.2  # of a table that is on in one drive alone
 
 
@@ -118,26 +120,37 @@ def _add_tables_read_otherwise(sets: BasisSets, inputs: EffectInputs) -> None:
     """A control may not interpolate between a table's nodes, or not know of the drive on which it also depends."""
     context, drives = inputs.context, inputs.machine.drive_names
     for generation in context.table_generations:
-        corrections = context.table_corrections_m(generation, drives, context.drives)
-        acting = [a for a in range(len(drives)) if np.any(corrections[:, a])]
-        if not acting:
+        tables = [
+            of_drive
+            for of_drive in context.tables_at(generation, drives, context.drives)
+            if np.any(of_drive[1].corrections_m)  # whatever the readings: a twin's must have the same columns
+        ]
+        if not tables:
             continue
+        have_partner = any(table.partner for _, table, _, _ in tables)
         at_nodes = context.table_corrections_at_nodes_m(generation, drives, context.drives)
-        held = sets.add(*((f"travel.{drives[a]}", at_nodes[:, a]) for a in acting), form="not_interpolated")
+        held = sets.add(*((f"travel.{drives[a]}", at_nodes[:, a]) for a, *_ in tables), form="not_interpolated")
+        held = held if have_partner else held[:2]
         for column in held:
             sets.add_set([column], weight=ONE_DRIVE_WEIGHT / len(held))
-        tables = context.tables_at(generation, drives, context.drives)
-        if any(table.partner for _, table, _, _ in tables):
+        if have_partner:
             stands_anywhere = [
                 c
                 for a, table, own_m, _ in tables
-                for node_m in table.partner_m or (0.0,)
+                for node_m in _some_nodes(table.partner_m or (0.0,))
                 for c in sets.add(
                     (f"travel.{drives[a]}", table.correction_m(own_m, np.full_like(own_m, node_m))),
                     form="partner_stands",
                 )
             ]
-            sets.add_set(stands_anywhere, weight=ONE_DRIVE_WEIGHT)
+            share = 1.0 / len(tables)  # the coefficients of a table add up to its weight
+            sets.add_set(stands_anywhere, weight=ONE_DRIVE_WEIGHT, size=(share,) * len(stands_anywhere))
+
+
+def _some_nodes(nodes: Sequence[float]) -> list[float]:
+    """Nodes of a table, or as many of them as are enough, from end to end."""
+    numbers = np.linspace(0, len(nodes) - 1, min(len(nodes), MOST_STANDING)).round().astype(int)
+    return [nodes[k] for k in numbers.tolist()]
 
 
 def _add_tables_by_direction(sets: BasisSets, inputs: EffectInputs) -> None:

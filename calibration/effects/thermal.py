@@ -97,7 +97,7 @@ def _add_thermal_sets(
         sets.add_set(rising, rest, share=0.1, tau_s=tau)
     course, before = sets.add_along(contributions, any_course(t, FINE_TERMS)), len(sets.sets)
     sets.add_set(course, weight=FINE_WEIGHT, size=rises_of_walk(FINE_TERMS))
-    sets.are_courses(since=before)
+    sets.mark_as_courses(since=before)
     if (mixed := _mixed(inputs, part)) is not None:
         sets.add_set(sets.add_along(contributions, mixed), weight=CURVE_WEIGHT)
     if (own := _of_own_sensor(inputs, part)) is not None:
@@ -195,7 +195,7 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     finely = whichever_end_stays(any_course(t, SCREW_TERMS))  # cooled by what goes on and off
     before = len(sets.sets)
     sets.add_set(finely, weight=FINE_WEIGHT, size=2 * rises_of_walk(SCREW_TERMS))
-    sets.are_courses(since=before)
+    sets.mark_as_courses(since=before)
     return sets
 
 

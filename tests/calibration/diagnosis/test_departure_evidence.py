@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -145,6 +146,15 @@ def test_what_the_weight_winds_up_is_no_other_one_at_each_visit(small, likelihoo
     share = np.random.default_rng(6).uniform(0.0, 1.0, int(arrival.max()) + 1)[arrival]
     _, found = planted_with(small, likelihood, effect, share, by_visit=True)
     assert any(departure.coordinate == "visit" for departure in found.best.basis_set.departures) is differs
+
+
+@pytest.mark.parametrize("above", [0.5, 0.95])
+def test_a_weight_comes_with_no_side_however_often_a_drive_comes_from_one(above):
+    side = np.where(np.arange(200) < 200 * above, 1.0, -1.0)
+    drives = SimpleNamespace(context=SimpleNamespace(direction=side[:, None]))
+    for shape, comes in ((np.ones(200), False), (-side, True), (-side - 0.3, True), (1.0 + 0.3 * side, False)):
+        form = (("travel.left", shape),)
+        assert departure_evidence._comes_with_side(drives, with_forms_at(0), 0, form) is comes
 
 
 def test_a_general_function_that_changes_has_the_evidence_of_a_dense_mixture(small, likelihood):

@@ -187,6 +187,24 @@ def test_a_table_may_be_read_otherwise(long_inputs, law):
     assert explained(inputs, law) > LEAST_OF.get(law.__name__, LEAST)
 
 
+@pytest.mark.parametrize("nodes", [4, 30])
+def test_a_table_whose_second_drive_stands_has_its_whole_weight_whatever_its_nodes(long_inputs, nodes):
+    own_m, partner_m = (0.0, 0.9, 2.0), tuple(np.linspace(0.0, 2.0, nodes).tolist())
+    corrections = tuple(tuple(1e-5 * (k + np.sin(q)) for q in partner_m) for k in range(3))
+    table = KnownTable(
+        generation=2, drive="left", own_m=own_m, partner="right", partner_m=partner_m, corrections_m=corrections
+    )
+    inputs = replace(long_inputs, context=replace(long_inputs.context, known_tables=(table,)))
+    built = load_catalogue().effect("tables_left_on").forms(inputs, 0)
+    (stands,) = (s for s in built.sets if built.named[s.columns[0]] == "partner_stands")
+    columns = np.column_stack([shape for c in stands.columns for _, shape in built.contributions[c]])
+    law = tables_left_on__partner_stands(inputs)["travel.left"]
+    coefficients = np.linalg.solve(columns.T @ columns + 1e-13 * np.eye(columns.shape[1]), columns.T @ law)
+    assert np.sqrt(np.mean((columns @ coefficients - law) ** 2)) < 0.01 * np.sqrt(np.mean(law**2))
+    assert np.array(stands.size) @ coefficients == pytest.approx(1.0, abs=0.05)
+    assert len(stands.columns) <= 9
+
+
 def strength_left(inputs, effect: Effect, strength, *kinds: str) -> float:
     """Share of the variance of a strength that no function of some coordinates has."""
     functions = functions_it_varies_with(inputs, replace(effect, varies_with=kinds), 0)

@@ -177,7 +177,9 @@ def combine_contexts(
             n: np.concatenate([t, clipped.temperatures_c[n][rows]]) for n, t in first.temperatures_c.items()
         },
         start_s=first.start_s,
+        breaks_s=first.breaks_s,
         known_tables=first.known_tables,
+        missing=first.missing,
         campaign=campaign,
         other=other,
         rows=rows,

@@ -45,6 +45,7 @@ def to_data(campaign: TwinCampaign, fitted_machine: FittedMachine, added: Sequen
         "moments": {name: np.asarray(getattr(context, name)).tolist() for name in ARRAYS},
         "temperatures_c": {name: t.tolist() for name, t in context.temperatures_c.items()},
         "start_s": context.start_s,
+        "breaks_s": list(context.breaks_s),
         "known_tables": [table.model_dump(mode="json") for table in context.known_tables],
     }
 
@@ -129,10 +130,12 @@ def _reading_context(machine: Machine, data: Mapping[str, Any]) -> ReadingContex
             raise ValueError(f"no temperatures of '{sensor}'")
     start_s = float(_float_array("start_s", [data["start_s"]], 1)[0])
     drives = _float_array("history", history["drives"], len(arrived), d)
+    breaks = data.get("breaks_s")  # of former versions none
     return ReadingContext(
         history=ArrivalHistory(arrived, drives),
         temperatures_c=temperatures,
         start_s=start_s,
+        breaks_s=tuple(_float_array("breaks_s", breaks, None).tolist()) if breaks else (),
         known_tables=_known_tables(machine, data["known_tables"]),
         **arrays,
     )

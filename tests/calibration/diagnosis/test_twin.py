@@ -145,6 +145,9 @@ def test_data_there_and_back(twin, strong):
     context = context_of_recording(strong)
     assert np.array_equal(again.places_m(context), twin.places_m(context))
     assert json.dumps(again.to_data()) == json.dumps(twin.to_data())
+    assert Twin.from_data(TEXT, data | {"breaks_s": [120.5]}).to_data()["breaks_s"] == [120.5]
+    former = {key: value for key, value in data.items() if key != "breaks_s"}
+    assert Twin.from_data(TEXT, former).to_data() == twin.to_data()
 
 
 def test_an_effect_that_is_not_known_is_named(twin):

@@ -93,6 +93,16 @@ def test_the_way_beyond_a_campaign_ends_where_the_campaign_did(m):
         assert combined.way_m(drive)[len(m) :] == pytest.approx(np.minimum(other.way_m(drive)[rows], own.max()))
 
 
+def test_what_a_campaign_does_not_say_is_not_said_to_its_twin_either(m):
+    """Effects would have other columns there than those that were found."""
+    campaign = replace(m, breaks_s=(float(m.t_s.mean()),), missing={"torque": "nobody has recorded it"})
+    clipped = clip_to_campaign(campaign, m)
+    rows = np.arange(0, len(m), 7)
+    combined = combine_contexts(CachedContext(campaign), clipped, cached_context(clipped, m), rows)
+    assert combined.not_said == campaign.not_said
+    assert set(combined.not_said) == {"t_s", "torque"}
+
+
 def test_the_mean_temperature_stays_within_that_of_the_campaign(m):
     """Of two parts in antiphase the mean hardly varies; both at their warmest were never seen."""
     wave = np.sin(m.elapsed_s / 900.0)

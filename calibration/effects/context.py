@@ -212,13 +212,6 @@ class ReadingContext:
             out[:, own] = table.correction_m(own_m, partner_m)
         return out
 
-    def table_corrections_at_nodes_m(self, generation: int, drive_names: Sequence[str], drives: Array) -> Array:
-        """The same (n, d, 3) of a control that does not interpolate (`KnownTable.at_nodes_m`)."""
-        out = np.zeros((*drives.shape, 3))
-        for own, table, own_m, partner_m in self.tables_at(generation, drive_names, drives):
-            out[:, own] = table.at_nodes_m(own_m, partner_m)
-        return out
-
     def tables_at(
         self, generation: int, drive_names: Sequence[str], drives: Array
     ) -> list[tuple[int, KnownTable, Array, Array]]:

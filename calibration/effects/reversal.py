@@ -16,7 +16,14 @@ from calibration.effects.api import (
     Textbook,
     varies,
 )
-from calibration.effects.basis_functions import any_course, cosine_basis, curve_over, rises_of_curve, tensor_product
+from calibration.effects.basis_functions import (
+    any_course,
+    cosine_basis,
+    curve_over,
+    random_walk_basis,
+    rises_of_curve,
+    tensor_product,
+)
 from calibration.effects.departures import WARMTH_S
 from calibration.effects.onsets import ONSET
 
@@ -28,7 +35,7 @@ LEAST_N = 1e-9  # of what presses across a guide: less is nothing
 LENGTH_TERMS = 3  # of any function of the length that is wound up
 WARMTH_TERMS, WARMTH_WEIGHT = 2, 0.3  # of any function of what warms its grease
 DRAG_TERMS, DRAG_WEIGHT = 6, 0.2  # of any function of the place by which something drags beside the weight
-RUN_IN_TERMS = 12  # of any course by which it does, in time or over the way that it has gone
+LEAST_WAY_M, RUN_IN_TERMS = 1e-9, 12  # of any course by which it does, in time or over the way that it has gone
 ANY_FORCE_WEIGHT = 0.3  # what goes with a force may do so along any smooth curve
 PRESSED_LEAST = 0.1  # variation of what presses on the nut, over its largest
 LEAST_KG = 1e-9  # of what moves, where no mass is stated
@@ -113,7 +120,8 @@ def _add_friction_beside_load(sets: BasisSets, inputs: EffectInputs, drive: int,
         functions.append(np.column_stack([one, any_course(context.elapsed_s, RUN_IN_TERMS)]))
     if "history" not in context.not_said:
         way_m = context.way_m(drive)
-        functions.append(np.column_stack([one, any_course(way_m / max(float(way_m.max()), 1e-9), RUN_IN_TERMS)]))
+        gone = way_m / max(float(way_m.max()), LEAST_WAY_M)
+        functions.append(np.column_stack([one, random_walk_basis(gone, RUN_IN_TERMS)]))
     if "speed_m_per_s" not in context.not_said:
         stirred = cosine_basis(context.speed_m_per_s, WARMTH_TERMS, constant=True)
         warm = [cosine_basis(course, WARMTH_TERMS) for course in _warmths(inputs, drive)]

@@ -128,9 +128,9 @@ def _add_tables_read_otherwise(sets: BasisSets, inputs: EffectInputs) -> None:
         if not tables:
             continue
         have_partner = any(table.partner for _, table, _, _ in tables)
-        at_nodes = context.table_corrections_at_nodes_m(generation, drives, context.drives)
-        held = sets.add(*((f"travel.{drives[a]}", at_nodes[:, a]) for a, *_ in tables), form="not_interpolated")
-        held = held if have_partner else held[:2]
+        ways = 3 if have_partner else 2  # without a second drive the last one is the first
+        at_nodes = [(f"travel.{drives[a]}", table.at_nodes_m(*at_m)[:, :ways]) for a, table, *at_m in tables]
+        held = sets.add(*at_nodes, form="not_interpolated")
         for column in held:
             sets.add_set([column], weight=ONE_DRIVE_WEIGHT / len(held))
         if have_partner:

@@ -67,8 +67,9 @@ def drive_scale__new_belt(inputs):
 
 
 def drive_scale__hunting(inputs):
-    """A zero that wanders to and fro sixteen times, as fast as a screw that is cooled on and off gets longer."""
-    return {"travel.left": np.sin(32.0 * np.pi * scaled(inputs.context.elapsed_s))}
+    """Zero and scale that wander to and fro sixteen times, as fast as a screw that is cooled on and off gets longer."""
+    to_and_fro = np.sin(32.0 * np.pi * scaled(inputs.context.elapsed_s))
+    return {"travel.left": to_and_fro, "scale.left": to_and_fro}
 
 
 def latency__mean_over_a_way(inputs):

@@ -35,6 +35,8 @@ def main() -> int:
     parser.add_argument("--effects", default="", help="cases of these effects only, separated by commas")
     options = parser.parse_args()
     kinds = [kind for kind in options.kinds.split(",") if kind]
+    if unknown := sorted(set(kinds) - set(FULL)):
+        parser.error(f"no kind of case is called {', '.join(unknown)}; there are {', '.join(FULL)}")
     total = sum(FULL.values())
     wanted = round(options.n * total / sum(FULL[k] for k in kinds)) if kinds else options.n
     rng = np.random.default_rng(options.seed)

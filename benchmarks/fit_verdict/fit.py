@@ -86,12 +86,12 @@ class Kept:
         any_effect = expit(most - self.none_elsewhere - settings.none_prior_log_odds)
         threshold = settings.threshold_of_excess(explained)
         left_over = self.excess + settings.departure_share * self.departure_gain
-        exceeded = expit(settings.excess_sharpness * (left_over / threshold - 1.0))
+        odds = settings.odds_of_unknown(left_over / threshold)
+        exceeded = odds / (1.0 + odds)
         by_causes = expit(np.maximum(strongest, explained) - self.none_elsewhere - settings.none_prior_log_odds)
-        new_form = settings.new_form_share * exceeded * any_effect
-        wanted = (1.0 - exceeded) * any_effect + new_form
-        any_named = np.minimum(wanted, by_causes)
-        unknown = exceeded * any_effect - new_form + np.minimum(new_form, wanted - any_named)
+        any_named = np.minimum((1.0 - exceeded) * any_effect, by_causes)
+        by_no_cause = (1.0 - exceeded) * any_effect - any_named
+        unknown = exceeded * any_effect + by_no_cause * expit(self.excess - settings.excess_threshold)
         misleading = settings.misleading_probability
         told = (1.0 - misleading) * _tempered(logs, settings.temperature_share)
         named = (told + misleading * _tempered(logs, settings.misleading_temperature_share)) * any_named[:, None]

@@ -27,7 +27,7 @@ from calibration.recording.axis_recording import AxisRecording
 
 CLUES = 4
 # Tuned on simulated drives, whose reversals are sharper than a law.
-AXIS_VERDICT = replace(VERDICT, none_prior_log_odds=7.0, excess_share=0.1, strong_evidence=math.inf, new_form_share=0.0)
+AXIS_VERDICT = replace(VERDICT, none_prior_log_odds=7.0, excess_share=0.1, strong_evidence=math.inf)
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effects' models are not exact
 NO_RATIO = "the ratio is not stated: a compliance counts per unit of the motor's torque"
 

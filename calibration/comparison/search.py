@@ -34,8 +34,6 @@ COMPARISON_VERDICT = replace(
     none_prior_log_odds=7.0,
     excess_share=0.03,
     strong_evidence=math.inf,
-    excess_sharpness=3.0,
-    new_form_share=0.0,
     misleading_probability=0.0,
 )
 # Of what differs anew, over the declared levels, which are right within a factor of two (one standard deviation).

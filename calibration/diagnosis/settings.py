@@ -66,20 +66,19 @@ class VerdictSettings:
     """Prior log odds of `none` against any effect at all. Source: tuned to the rate of false alarms; fitted ones are
     larger still, and hide small effects."""
     excess_threshold: float = 12.0
-    """Excess log evidence of the best non-parametric alternative at which `unknown` is half as likely as ever. Source:
-    tuned."""
+    """Excess log evidence of the best non-parametric alternative at which `unknown` has even odds. Source: tuned."""
     excess_share: float = 0.022
     """Increase of that threshold with the explained log evidence: model error of a correct effect. Source: tuned."""
     strong_evidence: float = 6500.0
     """Explained log evidence beyond which it increases twice as fast, as in what is so strong model errors stand out of
     the noise wholly. Source: tuned."""
-    excess_sharpness: float = 2.5
-    """Over how large a part of that threshold the odds of `unknown` change by a factor e: its inverse. Without any
-    excess they are those of an effect of no catalogue that a known one imitates. Source: tuned; within the range of the
-    fit."""
-    new_form_share: float = 0.1
-    """Probability that what no form explains is a new form of a known effect, however large the excess. Source: tuned
-    to calibrated probabilities."""
+    excess_exponent: float = 0.8
+    """Power of what is left over, in units of that threshold, with which the odds of `unknown` grow: model errors and
+    effects of no catalogue are of any size, so what tells them apart is its logarithm. Source: fitted to development
+    cases of three sources (docs/decisions/0058-by-its-logarithm.md)."""
+    least_left_over: float = 0.03
+    """What counts as left over, in the same units, where nothing is: an effect of no catalogue may be imitated by a
+    known one. Source: as above."""
     departure_share: float = 0.12
     """Of the log evidence that unexpected departures from forms add, what counts as excess. Source: tuned."""
     temperature_share: float = 0.003
@@ -118,11 +117,17 @@ class VerdictSettings:
     """Effects next in the ranking that are compared with the verdict. Source: computing time."""
 
     def threshold_of_excess(self, explained: Array | float) -> Array:
-        """Excess log evidence of an alternative beside effects that explain so much, at which `unknown` is half as
-        likely as ever; of one diagnosis or of several at once."""
+        """Excess log evidence of an alternative beside effects that explain so much, at which `unknown` has even
+        odds; of one diagnosis or of several at once."""
         positive = np.maximum(explained, 0.0)
         strong = np.maximum(positive - self.strong_evidence, 0.0)
         return np.asarray(self.excess_threshold + self.excess_share * (positive + strong))
+
+    def odds_of_unknown(self, left_over: Array | float) -> Array:
+        """Odds that what acts is of no catalogue, given what is left over beside effects, in units of the threshold of
+        the excess; of one diagnosis or of several at once."""
+        least = self.least_left_over
+        return np.asarray(((np.maximum(left_over, 0.0) + least) / (1.0 + least)) ** self.excess_exponent)
 
 
 VERDICT = VerdictSettings()
@@ -131,8 +136,8 @@ FITTED = (
     "none_prior_log_odds",
     "excess_threshold",
     "excess_share",
-    "excess_sharpness",
-    "new_form_share",
+    "excess_exponent",
+    "least_left_over",
     "departure_share",
     "misleading_probability",
     "misleading_temperature_share",

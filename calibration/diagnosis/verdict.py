@@ -62,14 +62,14 @@ def verdict_probabilities(
     explained = max(explained, 0.0)
     any_effect = float(expit(max(strongest, explained + excess) - none_elsewhere - settings.none_prior_log_odds))
     left_over = (excess + settings.departure_share * departure_gain) / float(settings.threshold_of_excess(explained))
-    exceeded = float(expit(settings.excess_sharpness * (left_over - 1.0))) if logs.size else 1.0
-    # What only an arbitrary function explains is no reason for an effect that explains nothing: its share is that of
-    # `none` or, where it would have been for a new form of an effect, of `unknown`.
+    odds = float(settings.odds_of_unknown(left_over))
+    exceeded = odds / (1.0 + odds) if logs.size else 1.0
+    # What only an arbitrary function explains is no reason for an effect that explains nothing, but evidence against
+    # `none`, where it is more than undeclared disturbances may be.
     by_causes = float(expit(max(strongest, explained) - none_elsewhere - settings.none_prior_log_odds))
-    new_form = settings.new_form_share * exceeded * any_effect
-    wanted = (1.0 - exceeded) * any_effect + new_form
-    any_named = min(wanted, by_causes) if logs.size else 0.0
-    unknown = exceeded * any_effect - new_form + min(new_form, wanted - any_named)
+    any_named = min((1.0 - exceeded) * any_effect, by_causes) if logs.size else 0.0
+    by_no_cause = (1.0 - exceeded) * any_effect - any_named
+    unknown = exceeded * any_effect + by_no_cause * float(expit(excess - settings.excess_threshold))
     of_each = _probabilities_of_effects(logs, settings) if logs.size else logs
     out = {name: float(p) for name, p in zip(log_evidence, any_named * of_each, strict=True)}
     return out | {NONE: max(1.0 - unknown - any_named, 0.0), UNKNOWN: unknown}

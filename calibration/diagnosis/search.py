@@ -97,12 +97,15 @@ def _search_by_visit(
     found: SearchResult,
     budget: SearchBudget,
 ) -> SearchResult:
-    """What was found, or what explains more with effects that are another at each visit."""
+    """What was found, or what explains more with effects that are another at each visit. That is looked for in any case
+    where one of these alone explains more than what was found together with any function beside it."""
     differing = [effect for effect in effects if effect.differs_by_visit]
     ranked = rank_effects(likelihood, inputs, differing, by_visit=True)
     if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < alone[0].log_evidence:
         return found
-    if not budget.allows(BY_VISIT, STEPS_BY_VISIT * budget.work(len(inputs.context), _columns(ranked[0]))):
+    explains_most = ranked[0].log_evidence > found.log_evidence + found.excess_log_evidence
+    expected = STEPS_BY_VISIT * budget.work(len(inputs.context), _columns(ranked[0]))
+    if not (explains_most or budget.allows(BY_VISIT, expected)):
         return found
     names = {effect.name for effect in differing}
     others = [cause for cause in alone if cause.effect.name not in names]

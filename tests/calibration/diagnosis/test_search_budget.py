@@ -21,7 +21,7 @@ GIVEN = {
     "none+refraction": {"tracker_drift": 100.0},
     "none+latency": {"smr_reseat": 300.0},
     "none+payload": {"smr_reseat": 400.0},
-    "by visit": {"backlash": 2000.0},
+    "by visit": {"backlash": 1300.0},
 }
 
 
@@ -46,7 +46,7 @@ def search_with(monkeypatch):
     monkeypatch.setattr(search, "rank_effects", ranked)
     monkeypatch.setattr(search, "include_cause", lambda likelihood, cause: f"{likelihood}+{cause.name}")
     monkeypatch.setattr(search, "_refit_causes", lambda _, __, causes: (causes, ["refitted"]))
-    monkeypatch.setattr(search, "rank_non_parametric", lambda *_: [Evidence("", 50.0)])
+    monkeypatch.setattr(search, "rank_non_parametric", lambda *_: [Evidence("", 400.0)])
     monkeypatch.setattr(search, "differs_by_visit", lambda cause: cause.name == "backlash")
     monkeypatch.setattr(search, "acting_elsewhere", lambda *_: set())
     return lambda budget: search.search_causes("none", INPUTS, [], budget)
@@ -79,6 +79,18 @@ def test_no_further_search_begins_that_would_be_too_much_work(search_with, steps
     budget = SearchBudget(limit=steps * STEP)
     assert names(search_with(budget)) == causes
     assert list(budget.left_out) == left_out
+
+
+@pytest.mark.parametrize(("log_evidence", "begins"), [(1484.0, False), (1485.0, True)])
+def test_what_differs_by_visit_and_explains_more_than_all_with_any_function_is_searched_for(
+    search_with, monkeypatch, log_evidence, begins
+):
+    """Two causes explain 1,100 less 10 and 5 per mille, and a function beside them 400."""
+    monkeypatch.setitem(GIVEN, "by visit", {"backlash": log_evidence})
+    budget = SearchBudget(limit=STEP)
+    found = search_with(budget)
+    assert (names(found) == ["backlash"]) is begins
+    assert (BY_VISIT in budget.left_out) is not begins
 
 
 def test_what_found_something_before_is_searched_for_again_in_any_case(search_with):

@@ -30,8 +30,8 @@ def test_an_effect_needs_log_evidence_of_eight_to_be_likelier_than_none(log_evid
 
 
 def test_what_only_an_arbitrary_function_explains_names_no_effect():
-    """Of odds of 10 against `none` by an alternative alone, an effect that explains nothing has its own exp(1 - 8); what
-    neither names is `unknown` by how far it is beyond twelve."""
+    """Of odds of 10 against `none` by an alternative alone, an effect that explains nothing has its own exp(1 - 8);
+    what neither names is `unknown` by how far it is beyond twelve."""
     excess = 8.0 + np.log(10.0)
     p = probabilities(found(Evidence("backlash", 1.0), explained=0.0, excess=excess))
     any_effect, named = 10.0 / 11.0, 1.0 / (1.0 + E**7)

@@ -228,7 +228,7 @@ def linearise_again(linear: LinearModel, judged: SecondJudgement) -> LinearModel
     """The same recording without the readings that are wrong beside the causes, the others weighed anew."""
     recording, keep = linear.recording, judged.readings.keep
     wrong = judged.readings.named(recording, linear.rows)
-    all_wrong = np.union1d(linear.wrong, list(wrong))
+    all_wrong = np.union1d(linear.wrong, np.array(list(wrong), dtype=np.intp))
     again, _ = _linearise_rows(recording, linear.rows[keep], all_wrong, judge=False, held=None)
     again = again.reweighted(judged.weight[keep])
     return replace(again, left_out=(*linear.left_out, *wrong.values()), far_off=linear.far_off)

@@ -12,7 +12,13 @@ from benchmarks.withheld.gross_readings import with_gross_readings
 from calibration.diagnosis.diagnose import _diagnose_with_models, diagnose
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_model import linearise_again, linearise_recording
-from calibration.diagnosis.reading_weights import judge_beside_causes, student_weights, weights_by_model
+from calibration.diagnosis.outlying_readings import JudgedReadings
+from calibration.diagnosis.reading_weights import (
+    SecondJudgement,
+    judge_beside_causes,
+    student_weights,
+    weights_by_model,
+)
 from calibration.reduction.left_out import BESIDE_CAUSES
 from tests.calibration.diagnosis.campaigns import simulated
 
@@ -92,6 +98,18 @@ def test_a_wrong_reading_is_found_beside_the_cause_and_a_visit_that_is_off_is_no
     assert np.min(again.weight) < 0.99
     weight = again.weight[np.isin(again.rows, of_a_visit)]
     assert np.all(weight == 1.0), "what moves all readings of a stand is no wrong reading"
+
+
+def test_readings_may_be_weighed_anew_without_a_wrong_one():
+    """As where many are far off by chance, and none of them far enough to be wrong."""
+    linear = linearise_recording(with_play(), judge=False)
+    readings, rows = len(linear.rows), np.zeros(0)
+    none_wrong = JudgedReadings(np.ones(readings, dtype=bool), np.zeros(readings), rows, BESIDE_CAUSES, rows)
+    weight = np.linspace(0.5, 1.0, readings)
+    again = linearise_again(linear, SecondJudgement(none_wrong, weight))
+    assert again.left_out == ()
+    assert again.rows.tolist() == linear.rows.tolist()
+    np.testing.assert_array_equal(again.weight, weight)
 
 
 @pytest.mark.parametrize(("count", "is_judged"), [(2, True), (8, False)])

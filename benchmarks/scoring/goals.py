@@ -34,7 +34,7 @@ ALIKE_SIGMA = 0.3  # an effect so near to the true one equals it
 MOST_CLASS = 1.4
 WORST_OF = 25  # an effect of fewer cases is not judged by itself
 SURE, GROSS_SURE = 0.99, 0.9
-SURE_OF_EFFECT = 0.85  # which form it has is never known better than to 0.93 or so
+SURE_OF_EFFECT = 0.85  # which form it has is never known better than to 0.95 or so
 USUAL_S, LONG_S, LONGEST_S = 1.0, 3.0, 8.0  # of a diagnosis: median, most of them, all
 WORTH = 1.0  # sigma, visible: where a shrink says something
 

@@ -28,7 +28,7 @@ from calibration.effects.api import BasisSet
 from calibration.machine.description import COORDINATES, Machine
 
 NOTHING, UNKNOWN = "nothing", "unknown"
-# with which `make compare-study` was measured
+# Chosen on pairs of campaigns of their own (docs/explanation/comparison.md).
 COMPARISON_VERDICT = replace(
     VERDICT,
     none_prior_log_odds=7.0,

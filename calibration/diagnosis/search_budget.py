@@ -19,7 +19,8 @@ class SearchBudget:
     """The searches of one diagnosis, by what they begin with: an effect, or BY_VISIT.
 
     found: those that have found something in the same readings, with other weights: they are made again in any case.
-    left_out: those that were not made since there had been work enough. limit, spent: in readings times columns.
+    left_out: those that were not made since there had been work enough; one with BY_VISIT that explains most is made
+    without being asked for. limit, spent: in readings times columns.
     """
 
     def __init__(self, *, found: Collection[str] = (), limit: float = VERDICT.search_work) -> None:

@@ -74,8 +74,8 @@ class VerdictSettings:
     the noise wholly. Source: tuned."""
     excess_exponent: float = 0.8
     """Power of what is left over, in units of that threshold, with which the odds of `unknown` grow: model errors and
-    effects of no catalogue are of any size, so what tells them apart is its logarithm. Source: fitted to development
-    cases of three sources (docs/decisions/0058-by-its-logarithm.md)."""
+    effects of no catalogue are of any size, so what tells them apart is its logarithm. Source: tuned; within the range
+    of the fit (docs/decisions/0058-by-its-logarithm.md)."""
     least_left_over: float = 0.03
     """What counts as left over, in the same units, where nothing is: an effect of no catalogue may be imitated by a
     known one. Source: as above."""

@@ -93,7 +93,7 @@ def test_candidates_of_a_machine_name_its_parts_once():
 @pytest.mark.parametrize(("explained", "threshold"), [(1000.0, 42.0), (9000.0, 282.0)])
 @pytest.mark.parametrize("side", [-0.1, 0.1])
 def test_an_unknown_change_has_even_odds_at_twelve_and_three_per_cent_of_what_is_explained(explained, threshold, side):
-    """With this constant the study of pairs was made; that of a diagnosis is another."""
+    """This constant is of comparisons; that of a diagnosis is another."""
     found = SimpleNamespace(candidate=SimpleNamespace(structure="a strut's length"), log_evidence=explained)
     weighed = Weighed(None, (found,), (), {}, log_evidence=explained, excess=threshold + side)
     p = weighed.probabilities()
@@ -102,7 +102,7 @@ def test_an_unknown_change_has_even_odds_at_twelve_and_three_per_cent_of_what_is
 
 @pytest.mark.parametrize("side", [-0.1, 0.1])
 def test_a_change_is_as_likely_as_nothing_at_seven(side):
-    """With this constant the study of pairs was made; that of a diagnosis is another."""
+    """This constant is of comparisons; that of a diagnosis is another."""
     found = SimpleNamespace(candidate=SimpleNamespace(structure="a strut's length"), log_evidence=7.0 + side)
     p = Weighed(None, (found,), (), {}, log_evidence=7.0 + side, excess=0.0).probabilities()
     assert (p[NOTHING] < 0.5) is (side > 0.0)

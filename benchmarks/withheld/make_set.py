@@ -37,6 +37,8 @@ def main() -> int:
     kinds = [kind for kind in options.kinds.split(",") if kind]
     if unknown := sorted(set(kinds) - set(FULL)):
         parser.error(f"no kind of case is called {', '.join(unknown)}; there are {', '.join(FULL)}")
+    if options.n < 1 or options.seed < 0:
+        parser.error("--n must be positive, --seed not negative")
     total = sum(FULL.values())
     wanted = round(options.n * total / sum(FULL[k] for k in kinds)) if kinds else options.n
     rng = np.random.default_rng(options.seed)
@@ -44,6 +46,8 @@ def main() -> int:
     if options.effects:
         names = set(options.effects.split(","))
         slots = [slot for slot in slots if names & set(slot.effects)]
+        if not slots:
+            parser.error(f"no case of {options.effects} among {options.n}; give other names or a larger --n")
     designs = Designs(options.seed)
     libraries = MimicLibraries()
     truth, began = {}, time.monotonic()

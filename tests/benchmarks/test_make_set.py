@@ -9,10 +9,19 @@ import pytest
 from benchmarks.withheld import make_set
 
 
-def test_an_unknown_kind_is_refused_before_anything_is_made(tmp_path, monkeypatch, capsys):
-    monkeypatch.setattr(sys, "argv", ["make_set", "--kinds", "null,nothing", "--out", str(tmp_path / "set")])
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        (("--kinds", "null,nothing"), "no kind of case is called nothing"),
+        (("--n", "0"), "--n must be positive"),
+        (("--seed", "-1"), "--seed not negative"),
+        (("--effects", "nothing"), "no case of nothing among 200"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_before_anything_is(tmp_path, monkeypatch, capsys, bad, said):
+    monkeypatch.setattr(sys, "argv", ["make_set", *bad, "--out", str(tmp_path / "set")])
     with pytest.raises(SystemExit) as ended:
         make_set.main()
     assert ended.value.code == 2
-    assert "no kind of case is called nothing" in capsys.readouterr().err.splitlines()[-1]
+    assert said in capsys.readouterr().err.splitlines()[-1]
     assert not (tmp_path / "set").exists()

@@ -141,9 +141,9 @@ def _expansion(assembly: Assembly, pose: SpatialPose, *, whole: bool) -> tuple[A
     pull = assembly.plane_stiffness * beyond
     arms = np.concatenate([assembly.platform_m @ turn.T, held, assembly.centre_m @ turn.T])
     forces = np.concatenate([force[:, None] * unit, pull[:, None] * assembly.normal, -assembly.load_n])
-    slope = np.concatenate([forces.sum(axis=0), _cross(arms, forces).sum(axis=0)])
+    slope = np.concatenate([forces.sum(axis=0), cross_rows(arms, forces).sum(axis=0)])
     lines = np.concatenate([unit, assembly.normal])
-    wrench = np.concatenate([lines, _cross(arms[: len(lines)], lines)], axis=1)
+    wrench = np.concatenate([lines, cross_rows(arms[: len(lines)], lines)], axis=1)
     count = len(unit)
     if not whole:
         return slope, (wrench.T * np.concatenate([assembly.stiffness, assembly.plane_stiffness])) @ wrench
@@ -157,8 +157,14 @@ def _expansion(assembly: Assembly, pose: SpatialPose, *, whole: bool) -> tuple[A
     return slope, bend
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Cross products row by row (n, 3): what numpy's own takes to find its axes is longer than the work here."""
+def cross(a: Array, b: Array) -> Array:
+    """Cross product (3,): what numpy's own takes to find its axes is longer than the work here."""
+    (ax, ay, az), (bx, by, bz) = a.tolist(), b.tolist()
+    return np.array([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx])
+
+
+def cross_rows(a: Array, b: Array) -> Array:
+    """The same row by row (n, 3)."""
     (ax, ay, az), (bx, by, bz) = a.T, b.T
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=1)
 

@@ -19,6 +19,7 @@ from mock_devices.plant.spatial_equilibrium import (
     SMALL_STEP,
     Assembly,
     SpatialPose,
+    cross,
     equilibrium,
     pose_of,
     quaternion_of,
@@ -199,7 +200,7 @@ class TrueSpatialMachine:
             elif drive.kind == "slider":
                 out[rod.drive] -= pull[i] @ drive.axis
             else:
-                out[rod.drive] -= np.cross(assembly.base_m[i] - drive.pivot_m, pull[i]) @ drive.axis
+                out[rod.drive] -= cross(assembly.base_m[i] - drive.pivot_m, pull[i]) @ drive.axis
         return force, out
 
     def tool(self, pose: SpatialPose, temperatures_c: Mapping[str, float]) -> Array:
@@ -341,7 +342,7 @@ def _side(drive: Actuator, base: Array, reach: Array) -> float:
         return float(-drive.axis @ reach)
     if drive.kind == "crank":
         arm = base - drive.pivot_m
-        return float(drive.axis @ np.cross(arm, arm + reach))
+        return float(drive.axis @ cross(arm, arm + reach))
     return 1.0
 
 

@@ -228,8 +228,9 @@ def rows_of(folder):
 
 
 def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch):
-    n, kinds, diagnose = 10, "null", ("--diagnose", STAND_IN)  # others wait for a library of what they resemble
-    assert run.main(arguments(tmp_path / "whole", *diagnose, n=n, kinds=kinds)) == 1
+    # Of other kinds each batch waits for a library of what they resemble.
+    two = {"n": 4, "kinds": "null", "batch": 1}
+    assert run.main(arguments(tmp_path / "whole", "--diagnose", STAND_IN, **two)) == 0
     kept = []
     whole = lane.run_lane
 
@@ -243,15 +244,16 @@ def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch)
         whole(options, once, begun)
 
     monkeypatch.setattr(run, "run_lane", stopped)
-    assert run.main(arguments(tmp_path / "parts", *diagnose, n=n, kinds=kinds)) == 2
-    assert len(rows_of(tmp_path / "parts")) == 2
+    assert run.main(arguments(tmp_path / "parts", "--diagnose", STAND_IN, **two)) == 2
+    assert len(rows_of(tmp_path / "parts")) == 1
     capsys.readouterr()
     held = {file: file.read_bytes() for file in (tmp_path / "parts").rglob("*") if file.is_file()}
     assert run.main(["--so-far", str(tmp_path / "parts")]) == 1
-    assert capsys.readouterr().out.startswith(f"2 of {len(rows_of(tmp_path / 'whole'))} cases\n")
+    assert capsys.readouterr().out.startswith("1 of 2 cases\n")
     assert held == {file: file.read_bytes() for file in (tmp_path / "parts").rglob("*") if file.is_file()}
     monkeypatch.setattr(run, "run_lane", whole)
-    assert run.main(arguments(tmp_path / "parts", *diagnose, n=n, kinds=kinds)) == 1
+    assert run.main(arguments(tmp_path / "parts", "--diagnose", STAND_IN, **two)) == 0
+    assert len(rows_of(tmp_path / "parts")) == 2
     assert rows_of(tmp_path / "parts") == rows_of(tmp_path / "whole")
     assert "null cases called an effect" in capsys.readouterr().out
     assert not list((tmp_path / "parts").rglob("*.csv"))

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.identification.gauss_newton import NEAR, accelerated_step, left_to_go
 from calibration.identification.linear_system import QrAccumulator, TriangularSystem, regularised_step
 from calibration.instruments.readings import Readings, WhitenedResiduals, split_by_visits
 from calibration.machine.description import Machine
@@ -24,10 +25,8 @@ from calibration.model.visits import Visits
 VISITS_AT_ONCE = 1024
 MIN_VISITS_TO_SUBSAMPLE = 0.5
 MOST_STEPS = 60
-LARGEST_SHARE = 0.5  # largest ratio to the previous step for which convergence is regular enough to extrapolate
 SETTLED = 1e-7  # of the last step, in standard errors
 START_SETTLED = 1.0
-NEAR = 1e-3  # of the way that is left, where the steps run out: in standard errors
 ROUND_OFF = 1e-11  # of a loss, relative
 LARGEST_DAMPING = 1e9  # beyond it no step gains anything that the loss can show
 HUBER = 2.5  # in standard deviations of a number
@@ -218,7 +217,8 @@ class LeastSquaresProblem:
                 break
             if damping == 0.0:
                 sizes.append(size)
-                previous, step = (z, step), _accelerated_step(system, prior, previous, z, step)
+                metric = np.vstack([system.factor, np.diag(prior)])
+                previous, step = (z, step), accelerated_step(metric, previous, z, step)
             try:
                 trial = self.linearise(z + step)
                 loss = self._loss_of(trial, z + step, prior)
@@ -234,7 +234,7 @@ class LeastSquaresProblem:
                 break
             else:
                 previous, damping = None, max(1.0, 10.0 * damping)
-        self.converged = self.converged or _left_to_go(sizes) < NEAR
+        self.converged = self.converged or left_to_go(sizes) < NEAR
         return z
 
     def _loss_of(self, system: TriangularSystem, z: Array, prior: Array) -> float:
@@ -286,29 +286,6 @@ class LeastSquaresProblem:
 def _in_standard_errors(system: TriangularSystem, step: Array, prior: Array) -> float:
     """Length of a step in the metric of the posterior: no unknown moves by more of its standard errors than that."""
     return float(np.sqrt(np.sum((system.factor @ step) ** 2) + np.sum((prior * step) ** 2)))
-
-
-def _left_to_go(sizes: Sequence[float]) -> float:
-    """Distance from the minimum, if steps go on shrinking as the last two did; infinite where they do not shrink."""
-    share = sizes[-1] / sizes[-2] if len(sizes) > 1 else np.inf
-    return sizes[-1] * share / (1.0 - share) if share < 1.0 else np.inf
-
-
-def _accelerated_step(
-    system: TriangularSystem, prior: Array, previous: tuple[Array, Array] | None, z: Array, step: Array
-) -> Array:
-    """A Gauss-Newton step at z, accelerated in the slowest direction by the previous iterate and its step.
-
-    Where the model's curvature leaves Gauss-Newton linear convergence, steps shrink by the same factor each time;
-    Anderson's mixing with a memory of one sums that series, in the metric of the posterior.
-    """
-    if previous is None:
-        return step
-    place, before = previous
-    metric = np.vstack([system.factor, np.diag(prior)])
-    change = metric @ (step - before)
-    share = float(change @ (metric @ step)) / float(change @ change)
-    return step if abs(share) > LARGEST_SHARE else step - share * (z - place + step - before)
 
 
 def _step(system: TriangularSystem, off_centre: Array, prior: Array, fixed: NDArray[np.intp], damping: float) -> Array:

@@ -89,7 +89,7 @@ def fit_partly(reference: Reference, recording: Recording, growth: Array) -> Fit
 
     growth (k, k): covariance of what its unknowns may have changed by since. What the ranges of this session have in
     common, which few readings of the nests leave open by some ten micrometres, is fitted and then left out: predictions
-    are in the scale of the former calibration, which had many more.
+    are in the scale of the former calibration, which had many more. InputError if the search does not settle.
     """
     observed = observe(recording, reference, CALIBRATION).observations
     accuracy = recording.file.station.accuracy.to_station_accuracy()
@@ -97,6 +97,11 @@ def fit_partly(reference: Reference, recording: Recording, growth: Array) -> Fit
     station = StationModel.from_accuracy(machine_frame(reference, observed), smrs, accuracy)
     prior = Prior(reference.names, reference.values, reference.covariance + growth)
     fit = identify_from_prior(reference.model, observed.visits, [SmrPositions(observed, station)], prior)
+    if not fit.converged:
+        raise InputError(
+            f"the few readings and calibration {reference.campaign} settle on no machine together: more has changed "
+            "than was thought; calibrate anew"
+        )
     of_session = np.array([name in RANGE_ERRORS for name in fit.layout.names])
     return replace(fit, unknowns=np.where(of_session, 0.0, fit.unknowns))
 

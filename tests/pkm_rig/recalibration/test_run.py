@@ -12,11 +12,12 @@ import pytest
 
 from calibration.base.errors import InputError
 from calibration.compensation.samples import CorrectionSamples
+from calibration.identification import from_prior
 from calibration.intervals.extent import Measurement
 from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.jobs import partial
 from pkm_rig.jobs.former_correction import SAMPLES, activated_events
-from pkm_rig.jobs.partial_fit import growth_of
+from pkm_rig.jobs.partial_fit import fit_partly, growth_of
 from pkm_rig.jobs.partial_verification import AFTER, BEFORE
 from pkm_rig.jobs.reference import load_reference
 from pkm_rig.jobs.reversals import stored_reversals
@@ -200,6 +201,9 @@ def partly(tmp_path_factory):
             after = situation_of(store, rig.file, rig.machine, now_s)
             wrong = wrong_tables(rig, after.history.last_calibration.tables)
             seen["images"] = [bank.read_image(bank.state().active) for bank in rig.banks]
+        reference = load_reference(store, RIG, former.id, rig.machine, rig.file.payloads)
+        offset = growth_of(reference, Measurement("drive offset", ("left",), 10, ""))
+        seen["fitted"] = reference, store.recording(result.campaign).rows("calibration"), offset
         seen["kept"] = [stored_reversals(tried, 2) for tried in activated_events(store, result.campaign).values()]
         for drive in mock.drives:
             drive.power_cycle()
@@ -307,3 +311,11 @@ def test_only_what_may_have_changed_is_let_loose(tmp_path):
     assert all(name.startswith("expansion.") for name in names[np.diag(warmth) > 0.0])
     with pytest.raises(InputError, match="its offset is no change of this machine"):
         growth_of(reference, Measurement("drive offset", ("third",), 10, ""))
+
+
+def test_few_readings_that_do_not_settle_are_refused(partly, monkeypatch):
+    reference, recording, growth = partly[-1]["fitted"]
+    assert fit_partly(reference, recording, growth).converged
+    monkeypatch.setattr(from_prior, "MOST_STEPS", 1)
+    with pytest.raises(InputError, match=r"settle on no machine together.*; calibrate anew"):
+        fit_partly(reference, recording, growth)

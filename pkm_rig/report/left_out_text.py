@@ -32,7 +32,7 @@ def left_out_lines(left_out: Sequence[Mapping[str, Any]], most: int) -> list[str
         for entry in ordered[:most]
     ]
     others = len(ordered) - len(lines)
-    return [*lines, f"left out: {others} more wrong readings"] if others else lines
+    return [*lines, f"left out: {others} more wrong readings (--json has all)"] if others else lines
 
 
 def _where(entry: Mapping[str, Any]) -> str:

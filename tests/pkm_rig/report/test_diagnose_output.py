@@ -73,7 +73,7 @@ def test_readings_left_out_are_all_in_the_json_and_the_largest_in_the_text(schem
     lines = [line for line in printed(found).splitlines() if line.startswith("left out: ")]
     assert [line.split()[2] for line in lines] == ["r6", "r5", "r4", "r3", "r2", "2"]
     assert lines[0].startswith("left out: r6 (P2, visit 60, 3.00 h), 700 um off, 13 of its standard deviations: does")
-    assert lines[-1] == "left out: 2 more wrong readings"
+    assert lines[-1] == "left out: 2 more wrong readings (--json has all)"
     assert "left out" not in printed(example())
 
 

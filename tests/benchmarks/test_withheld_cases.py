@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from dataclasses import replace
 from functools import lru_cache
@@ -22,6 +23,7 @@ from mock_devices.effects.base import names_of
 from mock_devices.recordings.files import write_recording
 from mock_devices.recordings.timeline import plan as timeline_of
 from tests.benchmarks.withheld_cases import EFFECT, NEXT, NULL, OUT, UNDECLARED, case_of, designs
+from tests.docs.pages import ROOT
 from tests.mock_devices.effects_bench import Alone
 
 
@@ -65,6 +67,17 @@ def test_a_full_run_has_all_the_cases_that_are_wanted():
     assert sum(s.decoy for s in slots) == DECOYS
     assert len(plan(60)) == pytest.approx(60, abs=4)
     assert {s.kind for s in plan(60)} == set(FULL)
+
+
+def test_the_page_has_the_counts_of_a_full_run():
+    text = (ROOT / "docs" / "explanation" / "withheld.md").read_text(encoding="utf-8")
+    rows = re.findall(r"^\| (\w+) \| ([\d,]+) \| (.*) \|$", text, re.MULTILINE)
+    counts = {kind: int(count.replace(",", "")) for kind, count, _ in rows}
+    assert counts == FULL
+    said = {kind: what for kind, _, what in rows}
+    assert said["effect"].startswith(f"{len(CATALOGUE)} effects")
+    assert said["outside"].startswith(f"{len(OUTSIDE)} effects")
+    assert len(OUTSIDE_FINAL) == 4  # "and in a final run four more"
 
 
 @pytest.mark.parametrize("slot", [EFFECT, OUT, NEXT], ids=lambda slot: slot.kind)

@@ -48,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Make what is missing, log what is about to be scored, score."""
     options = _options(arguments)
     plans = plan(options.seed)
-    chosen = plans[: options.n or None]  # they are mixed: the first ones are a fair sample
+    chosen = plans[: options.n]  # they are mixed: the first ones are a fair sample
     plant = f"{code_digest(*PLANT)}-mujoco-{mujoco.__version__}"
     folder = options.out / f"{plant}-seed-{options.seed}"
     make_all(chosen, folder / "cases", options.processes)
@@ -111,7 +111,7 @@ def by_cause(rows: Sequence[Row], chosen: Sequence[Plan]) -> list[str]:
 
 def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--n", type=int, default=0, help="so many cases only, for a first look")
+    parser.add_argument("--n", type=int, help="so many cases only, for a first look; all if left out")
     parser.add_argument("--seed", type=int, default=SEED, help="of all cases; another one makes others")
     parser.add_argument("--processes", type=int, default=2, help="cases made, and diagnosed, side by side")
     parser.add_argument("--out", type=Path, default=OUT, help="folder of all runs")
@@ -119,8 +119,10 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
     parser.add_argument("--unsealed", action="store_true", help="development where the system can shut no process in")
     parser.add_argument("--log", type=Path, default=LOG, help=argparse.SUPPRESS)
     options = parser.parse_args(arguments)
-    if options.n < 0 or options.seed < 0 or options.processes < 1:
-        parser.error("--n and --seed must not be negative, --processes not below 1")
+    if options.n is not None and options.n < 1:
+        parser.error(f"--n is {options.n}; give the number of cases, 1 or more, or leave it out for all")
+    if options.seed < 0 or options.processes < 1:
+        parser.error("--seed must not be negative, --processes not below 1")
     options.out = options.out.resolve()
     return options
 

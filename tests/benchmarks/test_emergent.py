@@ -294,3 +294,19 @@ def test_a_stopped_run_goes_on_and_says_what_it_scores_before_it_does(tmp_path, 
     assert until_stopped(run.main) == 0
     assert asked[-1] == ["rec002", "rec004", "rec006"]
     assert [json.loads(text)["seed"] for text in (tmp_path / "log").read_text().splitlines()] == [SEED, 1]
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        (("--n", "0"), "--n is 0; give the number of cases, 1 or more"),
+        (("--n", "-1"), "--n is -1"),
+        (("--seed", "-1"), "--seed must not be negative"),
+    ],
+)
+def test_numbers_of_which_no_run_can_be_made_are_refused_before_anything_is_made(tmp_path, capsys, bad, said):
+    with pytest.raises(SystemExit) as ended:
+        run.main([*bad, "--out", str(tmp_path / "out"), "--log", str(tmp_path / "log")])
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []

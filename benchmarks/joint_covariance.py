@@ -127,14 +127,22 @@ def printed_chain(name: str, seed: int, row: dict[str, Any]) -> str:
     )
 
 
-def main() -> int:
+def main(arguments: list[str] | None = None) -> int:
     """Print both tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--rigs", type=int, default=12)
     parser.add_argument("--chains", type=int, default=len(CHAINS))
     parser.add_argument("--steps", type=int, default=20000)
     parser.add_argument("--out", type=Path, default=Path("runs/joint-covariance"))
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
+    if options.rigs < 0:
+        parser.error(f"--rigs is {options.rigs}; give the number of rigs of each machine, 0 for none")
+    if not 0 <= options.chains <= len(CHAINS):
+        parser.error(f"--chains is {options.chains}; give 0 to {len(CHAINS)}")
+    if options.rigs == options.chains == 0:
+        parser.error("--rigs and --chains are both 0; give at least one of them")
+    if options.steps < 1:
+        parser.error(f"--steps is {options.steps}; give the number of steps of a chain, 1 or more")
     kept = KeptResults(options.out / "results.jsonl")
     code = code_digest("calibration")
 

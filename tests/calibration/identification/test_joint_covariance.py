@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.stats import chi2
 
-from benchmarks.joint_covariance import error_in_directions, fitted
+from benchmarks.joint_covariance import error_in_directions, fitted, main
 from calibration.identification.joint_covariance import joint_covariance
 
 RIGS = 6
@@ -42,3 +42,21 @@ def test_single_unknowns_hardly_change():
 def test_other_estimators_keep_the_error_of_their_regularisation():
     fit, _ = fitted("planar4", 1, "truncated_svd")
     assert joint_covariance(fit) is fit.covariance
+
+
+@pytest.mark.parametrize(
+    ("bad", "said"),
+    [
+        (("--rigs", "-1"), "--rigs is -1; give the number of rigs of each machine, 0 for none"),
+        (("--rigs", "0", "--chains", "0"), "--rigs and --chains are both 0"),
+        (("--chains", "-1"), "--chains is -1; give 0 to 5"),
+        (("--chains", "6"), "--chains is 6; give 0 to 5"),
+        (("--steps", "0"), "--steps is 0"),
+    ],
+)
+def test_numbers_of_which_no_table_can_be_made_are_one_line(tmp_path, capsys, bad, said):
+    with pytest.raises(SystemExit) as ended:
+        main([*bad, "--out", str(tmp_path / "out")])
+    assert ended.value.code == 2
+    assert said in capsys.readouterr().err.splitlines()[-1]
+    assert not (tmp_path / "out").exists()

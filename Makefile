@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent other-simulator structures fit-verdict emergent gapbench compare-study fleet bench host-rows faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent other-simulator structures fit-verdict emergent gapbench compare-study fleet bench host-rows joint-covariance faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -200,6 +200,11 @@ kuka: $(VENV)/run.stamp
 bench: $(VENV)/bench.stamp
 	$(BIN)/python -m benchmarks.forward $(if $(QUICK),--quick); forward=$$?; \
 		$(BIN)/python -m benchmarks.identification $(if $(QUICK),--quick) && exit $$forward
+
+# Stated covariances against the truth and against Markov chains (docs/explanation/verification.md): a quarter of an hour.
+# Stopped, it goes on. RIGS=2 CHAINS=0 for a first look.
+joint-covariance: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.joint_covariance $(if $(RIGS),--rigs $(RIGS)) $(if $(CHAINS),--chains $(CHAINS))
 
 # Rows of paths that the host corrects in a second of one core.
 host-rows: $(VENV)/dev.stamp

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent other-simulator structures fit-verdict emergent gapbench compare-study fleet bench host-rows joint-covariance faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent other-simulator structures fit-verdict emergent gapbench compare-study fleet bench host-rows joint-covariance single-drives faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -205,6 +205,11 @@ bench: $(VENV)/bench.stamp
 # Stopped, it goes on. RIGS=2 CHAINS=0 for a first look.
 joint-covariance: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.joint_covariance $(if $(RIGS),--rigs $(RIGS)) $(if $(CHAINS),--chains $(CHAINS))
+
+# The diagnosis of one drive alone on integrated drives, with noise only and with each cause (docs/explanation/axis.md), a
+# quarter of an hour. N=3 for a first look, SEED=2 for others. Stopped, it begins anew.
+single-drives: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.single_drives $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED))
 
 # Rows of paths that the host corrects in a second of one core.
 host-rows: $(VENV)/dev.stamp

@@ -28,7 +28,8 @@ TRAVEL_RAD, TOP_SPEED_RAD_S, TOP_ACCELERATION_RAD_S2 = 1.2, 1.0, 4.0
 class DriveFlaws:
     """What is wrong with a drive; all zero but the stiffness: nothing. SI, angles in rad.
 
-    rigid: the second encoder sits on the motor's shaft, so that nothing winds up between them. play_rad: whole play.
+    rigid: the second encoder sits on the motor's shaft, so that nothing winds up between them. coulomb_asymmetry: half
+    the difference of dry friction in the two directions, forward less backward, over their mean. play_rad: whole play.
     ripple_rad, ripple_period_rad: a wave of the second encoder over position. noise_rad: of slow coloured noise, with
     its correlation time; white_rad: of each sample. torque_side: of the torque that is
     recorded, "motor" or "load"; none if empty.
@@ -39,6 +40,7 @@ class DriveFlaws:
     stiffness_nm_per_rad: float = STIFF_NM_PER_RAD
     viscous_nms: float = 0.0
     coulomb_nm: float = 0.0
+    coulomb_asymmetry: float = 0.0
     play_rad: float = 0.0
     weight_nm: float = 0.0
     ripple_rad: float = 0.0
@@ -119,6 +121,7 @@ def _integrate(flaws: Sequence[DriveFlaws], command: Array) -> tuple[Array, Arra
     motor_speed, load_speed, bristle = np.zeros(len(flaws)), np.zeros(len(flaws)), np.zeros(len(flaws))
     positions, loads, torques, transmitteds = (np.empty_like(command) for _ in range(4))
     dt, coulomb, viscous, weight = INTEGRATION_S, of["coulomb_nm"], of["viscous_nms"], of["weight_nm"]
+    uneven = of["coulomb_asymmetry"]
     for k in range(len(command)):
         torque = (
             gain * (command[k] - motor) + rate_gain * (speed[k] - motor_speed) + inertia * acceleration[k]
@@ -128,7 +131,8 @@ def _integrate(flaws: Sequence[DriveFlaws], command: Array) -> tuple[Array, Arra
         transmitted = stiff * beyond + damp * (motor_speed - load_speed) * (beyond != 0.0)
         transmitted = np.where((beyond != 0.0) & (transmitted * beyond < 0.0) & (play > 0.0), 0.0, transmitted)
         bristle = np.clip(bristle + load_speed * dt, -BRISTLE_RAD, BRISTLE_RAD)
-        friction = coulomb * bristle / BRISTLE_RAD + viscous * load_speed
+        side = bristle / BRISTLE_RAD
+        friction = coulomb * (side + uneven * np.abs(side)) + viscous * load_speed
         motor_speed = motor_speed + dt * (torque - transmitted) / MOTOR_KG_M2
         load_speed = load_speed + dt * (transmitted - friction - weight * np.cos(load)) / LOAD_KG_M2
         motor, load = motor + dt * motor_speed, load + dt * load_speed

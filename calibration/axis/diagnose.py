@@ -27,7 +27,7 @@ from calibration.recording.axis_recording import AxisRecording
 
 CLUES = 4
 # Tuned on simulated drives, whose reversals are sharper than a law.
-AXIS_VERDICT = replace(VERDICT, none_prior_log_odds=7.0, excess_share=0.1, strong_evidence=math.inf)
+AXIS_VERDICT = replace(VERDICT, none_prior_log_odds=7.0, excess_share=0.1, strong_evidence=math.inf, u_of_form=0.04)
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effects' models are not exact
 NO_RATIO = "the ratio is not stated: a compliance counts per unit of the motor's torque"
 
@@ -166,6 +166,7 @@ def _quantities(
         if parameter.name == "period":  # that of a sine over this travel (Rife and Boorstyn 1974)
             u_at = at**2 * float(np.sqrt(3.0)) * u / (np.pi * travel * max(value, 1e-300))
         others.append(Quantity(parameter.name, at, u_at, parameter.unit))
+    u = math.hypot(u, AXIS_VERDICT.u_of_form * value)  # no drive has the law exactly
     return Quantity(effect.size.name, value, u, effect.size.unit), tuple(others)
 
 

@@ -11,29 +11,24 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.arbitrary_functions import functions_for_all_channels, functions_of_drive, functions_of_sight
 from calibration.diagnosis.basis_set_evidence import log_evidence_of_sizes, log_sum
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import EffectInputs
-from calibration.effects.basis_functions import cosine_basis, random_walk_basis, tensor_product
 from calibration.effects.columns import ColumnsByChannel
 
 REFLECTOR = "smr."
 NOT_ON_MACHINE = ("light.", "station.", "floor.", REFLECTOR)
 NEGLIGIBLE_RESPONSE = 1e-9  # sigma per unit of a channel
-DWELL_S = 6.0
 SIZES_SIGMA = np.geomspace(0.5, 60.0, 9)
 LEFT_SIGMA = np.geomspace(0.02, 20.0, 40)  # of what may be left from visit to visit
-ASK_FOR = {  # the field of the context without which a coordinate is none
-    "time": "t_s", "direction": "direction", "rest": "dwell_s", "direction and place": "direction",
-    "time and place": "t_s",
-}  # fmt: skip
 CHANNELS_TRIED = 6  # channels with the largest evidence of shifts per visit, on which all coordinates are tried
 
 
 @dataclass(frozen=True)
 class NonParametricEffect:
-    """An arbitrary function of a coordinate ('time', 'place', 'direction', 'rest', 'load', 'visit'), through channels.
+    """An arbitrary function of a coordinate ('visit', or one of `arbitrary_functions`), through channels.
 
     channels: names, each with the amount that moves a reading by one sigma; shapes (n, k): basis functions of the
     coordinate, common to the channels. log_evidence: over `none`; size: the most likely one, in sigma.
@@ -141,10 +136,10 @@ def _alternatives(
 ) -> Iterator[tuple[tuple[str, ...], str, Array]]:
     """Channels, coordinate and shapes (n, k); of the machine's channels only `tried_groups`, of others only these with
     all coordinates."""
-    common = inputs.once("common", lambda: _common_basis_functions(inputs))
+    common = inputs.once("common", lambda: functions_for_all_channels(inputs))
 
-    def drive_basis_functions(drive: int) -> dict[str, Array]:
-        return inputs.once(("of drive", drive), lambda: _drive_basis_functions(inputs, drive))
+    def of_drive(drive: int) -> dict[str, Array]:
+        return inputs.once(("of drive", drive), lambda: functions_of_drive(inputs, drive))
 
     for group in _channel_groups(inputs, channels):
         not_on_machine = group[0].startswith(NOT_ON_MACHINE)
@@ -155,12 +150,12 @@ def _alternatives(
         if not_on_machine and group not in tried_groups:
             bases = {"time": common["time"]}
             if group[0].startswith("light"):
-                bases["place"] = _line_of_sight_basis(inputs)
+                bases["place"] = functions_of_sight(inputs)
         elif drive is not None:
-            bases |= drive_basis_functions(drive)
+            bases |= of_drive(drive)
         elif group[0].startswith("length."):
             strut = inputs.machine.strut_names.index(group[0].split(".")[1])
-            bases |= drive_basis_functions(max(int(inputs.machine.strut_drive[strut]), 0))
+            bases |= of_drive(max(int(inputs.machine.strut_drive[strut]), 0))
         for coordinate, shapes in bases.items():
             yield group, coordinate, shapes
 
@@ -193,49 +188,3 @@ def _drive_of(inputs: EffectInputs, channel: str) -> int | None:
     if kind not in ("travel", "sideways", "turn"):
         return None
     return inputs.machine.drive_names.index(place.split(".")[0])
-
-
-def _with_payload_interaction(inputs: EffectInputs, shapes: Array) -> Array:
-    """Shapes (n, k), followed by their products with the payload."""
-    return np.concatenate([shapes, shapes * (inputs.payload_ratio - 0.5)[:, None]], axis=1)
-
-
-def _common_basis_functions(inputs: EffectInputs) -> dict[str, Array]:
-    """Basis functions for all channels: of time, approach direction, dwell and speed, payload, position."""
-    context = inputs.context
-    t = context.elapsed_s / max(float(context.elapsed_s.max()), 1.0)
-    speed = context.speed_m_per_s / max(float(context.speed_m_per_s.max()), 1e-9)
-    decay = np.stack([np.exp(-context.dwell_s / tau) for tau in (1.5, DWELL_S, 4.0 * DWELL_S)], axis=1)
-    settling = np.concatenate([decay, decay * speed[:, None], decay * np.sqrt(speed)[:, None], speed[:, None]], axis=1)
-    sides = context.direction
-    by_drive = [cosine_basis(q, 4, roughness=1.0, constant=True) for q in context.drives.T]
-    place = by_drive[0]
-    for other in by_drive[1:]:
-        place = tensor_product(place, other)[:, :40]
-    over_time = np.concatenate([random_walk_basis(t, 28), cosine_basis(t, 4)], axis=1)
-    bases = {
-        "time": _with_payload_interaction(inputs, over_time),
-        "direction": _with_payload_interaction(inputs, sides),
-        "rest": np.concatenate([settling, tensor_product(sides, settling)], axis=1),
-        "load": np.stack([inputs.payload_ratio, inputs.payload_ratio**2], axis=1),
-        "place": _with_payload_interaction(inputs, place[:, 1:]),
-        "direction and place": tensor_product(sides, place),
-        "time and place": tensor_product(random_walk_basis(t, 12), place[:, :5]),
-    }
-    return {name: shapes for name, shapes in bases.items() if ASK_FOR.get(name) not in context.missing}
-
-
-def _drive_basis_functions(inputs: EffectInputs, drive: int) -> dict[str, Array]:
-    curve = cosine_basis(inputs.context.drives[:, drive], 16, roughness=1.0)
-    bases = {"place": _with_payload_interaction(inputs, curve)}
-    if "direction" not in inputs.context.not_said:
-        bases["direction and place"] = tensor_product(inputs.context.direction[:, drive : drive + 1], curve)
-    return bases
-
-
-def _line_of_sight_basis(inputs: EffectInputs) -> Array:
-    """Basis functions (n, k) of where the measured point is, seen from the station."""
-    across, height = inputs.sight_m[:, 0], inputs.sight_m[:, 2]
-    return tensor_product(
-        cosine_basis(across, 5, roughness=1.0, constant=True), cosine_basis(height, 4, roughness=1.0, constant=True)
-    )

@@ -46,3 +46,45 @@ def test_the_strongest_reflector_is_always_looked_at(small):
     assert (("smr.P2.x", "smr.P2.y", "smr.P2.z"), "place") in [
         (tuple(name for name, _ in alternative.channels), alternative.coordinate) for alternative in found
     ]
+
+
+def block_in_dry_friction(position_m: list[float], reach_m: float) -> np.ndarray:
+    """How far a block lies behind what pushes it to and fro between two stops."""
+    lies, behind = position_m[0], []
+    for now in position_m:
+        if now - lies > reach_m:
+            lies = now - reach_m
+        elif lies - now > reach_m:
+            lies = now + reach_m
+        behind.append(now - lies)
+    return np.array(behind)
+
+
+def left_by(linear: LinearModel, what: str) -> np.ndarray:
+    """What depends on the ways of the left drive, or on how warm its parts are."""
+    context, left = linear.context, linear.machine.drive_names.index("left")
+    at_arrival = context.history.drives[:, left]
+    way = np.abs(np.diff(at_arrival, prepend=at_arrival[:1]))
+    if what == "dragged":
+        return block_in_dry_friction(at_arrival.tolist(), 0.15 * float(np.ptp(at_arrival)))[context.arrival]
+    if what == "dying away":
+        since_s = context.t_s[:, None] - context.history.arrived_s[None, :]
+        return np.where(since_s >= 0.0, np.exp(-np.maximum(since_s, 0.0) / 150.0), 0.0) @ np.diff(
+            at_arrival, prepend=at_arrival[:1]
+        )
+    if what == "approach":
+        return context.direction[:, left] * np.exp(-way / 0.2)[context.arrival]
+    (sensor, *_) = (name for name, values in context.temperatures_c.items() if np.ptp(values) > 0.3)
+    return np.asarray(context.temperatures_c[sensor])
+
+
+@pytest.mark.parametrize(
+    ("what", "coordinate"),
+    [
+        ("dragged", "former motions"), ("dying away", "former motions"), ("approach", "length of the approach"),
+        ("warm", "temperature"),
+    ],
+)  # fmt: skip
+def test_what_a_drive_remembers_of_its_way_or_follows_is_told_from_where_it_stands(small, what, coordinate):
+    found = ranked(small, {"travel.left": left_by(small, what)})[0]
+    assert ([name for name, _ in found.channels], found.coordinate) == (["travel.left"], coordinate)

@@ -4,6 +4,7 @@ __all__ = [
     "alike_places",
     "anew_at_visits",
     "any_change",
+    "arbitrary_functions",
     "basis_set_evidence",
     "cause_size",
     "chance",

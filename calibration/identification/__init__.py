@@ -8,6 +8,7 @@ __all__ = [
     "fit",
     "from_prior",
     "gate",
+    "gauss_newton",
     "held_out",
     "joint_covariance",
     "leave_one_out",

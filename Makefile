@@ -207,7 +207,7 @@ joint-covariance: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.joint_covariance $(if $(RIGS),--rigs $(RIGS)) $(if $(CHAINS),--chains $(CHAINS))
 
 # The diagnosis of one drive alone on integrated drives, with noise only and with each cause (docs/explanation/axis.md), a
-# quarter of an hour. N=3 for a first look, SEED=2 for others. Stopped, it begins anew.
+# quarter of an hour. N=3 for a first look, SEED=2 for others. Stopped, it goes on.
 single-drives: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.single_drives $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED))
 

@@ -1,12 +1,12 @@
 """What the diagnosis of one drive alone makes of integrated drives (docs/explanation/axis.md): noise only, and causes.
 
-    python -m benchmarks.single_drives [--n 30] [--seed S]
+    python -m benchmarks.single_drives [--n 30] [--seed S] [--out DIR]
 
 Makes N drives with coloured noise alone, its correlation time anywhere from 10 ms to 10 s, and N with each cause, its
 size within a factor of 1.5 of what stands in CAUSES; each moves for ten seconds in its own way. Prints of each cause
 how many were named right, how many got any name of an effect, how many `unknown`; of those named right how many had a
-size within U (k = 2) and how far the others were off at most. It takes some minutes, keeps nothing, and begins anew
-when stopped; progress goes to standard error.
+size within U (k = 2) and how far these were off. Progress goes to standard error. Lines are kept in --out: stopped, the
+same command goes on after the last.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ import argparse
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
+from benchmarks.results_file import code_digest
 from benchmarks.timing import in_one_thread
 from calibration.axis.diagnose import diagnose_axis
 from calibration.axis.result import AxisDiagnosis
@@ -25,7 +27,7 @@ from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.recording.axis_header import AxisFile
 from calibration.recording.axis_recording import AxisRecording
 from mock_devices.axis import DriveFlaws, DriveRecording, record_drives
-from tests.kept_results import until_stopped
+from tests.kept_results import KeptResults, key_of, until_stopped
 
 DURATION_S, SAMPLING_S = 10.0, 0.005  # a longer one is more reversals
 FACTOR, K = 1.5, 2.0
@@ -118,11 +120,22 @@ def row(name: str, found: Sequence[AxisDiagnosis], flaws: Sequence[DriveFlaws]) 
     return f"{line} {within:9d} {np.median(shares):14.1%} {max(shares):8.1%}"
 
 
+def row_of_drives(name: str, n: int, rng: np.random.Generator) -> str:
+    """The line of so many drives with a cause, or with noise only."""
+    if name in CAUSES:
+        flaws = [CAUSES[name].with_factor(float(FACTOR**u)) for u in rng.uniform(-1.0, 1.0, n)]
+    else:
+        times = np.exp(rng.uniform(np.log(FASTEST), np.log(SLOWEST), n))
+        flaws = [replace(QUIET, noise_s=float(time)) for time in times]
+    return row(name, diagnosed(flaws, int(rng.integers(2**31))), flaws)
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table, a line after each cause."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--n", type=int, default=30, help="drives with noise only, and with each cause")
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("runs/single-drives"))
     options = parser.parse_args(arguments)
     if options.n < 1:
         parser.error(f"--n is {options.n}; give the number of drives of each cause, 1 or more")
@@ -131,18 +144,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
     print(
         "drives with                    n  right  named an effect  unknown  within U  off: median  largest", flush=True
     )
+    kept = KeptResults(options.out / "results.jsonl")
+    code = code_digest("calibration", "mock_devices/axis.py", "benchmarks/single_drives.py")
     for number, name in enumerate(("noise only", *CAUSES)):
-        print(name, file=sys.stderr)
-        rng = np.random.default_rng([options.seed, number])
-        if name in CAUSES:
-            flaws = [CAUSES[name].with_factor(float(FACTOR**u)) for u in rng.uniform(-1.0, 1.0, options.n)]
-        else:
-            times = np.exp(rng.uniform(np.log(FASTEST), np.log(SLOWEST), options.n))
-            flaws = [replace(QUIET, noise_s=float(time)) for time in times]
-        print(row(name, diagnosed(flaws, int(rng.integers(2**31))), flaws), flush=True)
+        key = key_of(code, name, options.n, options.seed)
+        if key not in kept:
+            print(name, file=sys.stderr)
+            kept.add({"key": key, "row": row_of_drives(name, options.n, np.random.default_rng([options.seed, number]))})
+        print(kept[key]["row"], flush=True)
     return 0
 
 
 if __name__ == "__main__":
     in_one_thread()
-    sys.exit(until_stopped(main, "begins anew"))
+    sys.exit(until_stopped(main))

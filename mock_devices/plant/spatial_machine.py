@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -318,15 +319,13 @@ def _crank_angle(actuator: Actuator, rod: Rod, joint: Array) -> float:
 
     def gap(angle: float) -> tuple[float, float]:
         arm = _turned(rod.base_joint_m, actuator.axis, angle)
-        side = actuator.branch * float(actuator.axis @ np.cross(arm, towards))
+        side = actuator.branch * float(actuator.axis @ cross(arm, towards))
         return float(np.linalg.norm(towards - arm)) - rod.length_m, side
 
     low, high = actuator.travel
     angles = np.linspace(low - 0.5, high + 0.5, 400)
     gaps = [gap(float(angle)) for angle in angles]
-    for (a, (before, _)), (b, (after, side)) in zip(
-        zip(angles, gaps, strict=True), list(zip(angles, gaps, strict=True))[1:], strict=False
-    ):
+    for (a, (before, _)), (b, (after, side)) in pairwise(zip(angles, gaps, strict=True)):
         if before * after <= 0.0 and side > 0.0:
             left, right = float(a), float(b)
             for _ in range(60):

@@ -228,8 +228,7 @@ def rows_of(folder):
 
 
 def test_a_stopped_run_goes_on_and_gives_the_same(tmp_path, capsys, monkeypatch):
-    # Of other kinds each batch waits for a library of what they resemble.
-    two = {"n": 4, "kinds": "null", "batch": 1}
+    two = {"n": 4, "kinds": "null", "batch": 1}  # others wait for a library of what they resemble
     assert run.main(arguments(tmp_path / "whole", "--diagnose", STAND_IN, **two)) == 0
     kept = []
     whole = lane.run_lane

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import pytest
 
+from benchmarks import single_drives
 from benchmarks.single_drives import CAUSES, diagnosed, main, row
 
 SEED = 12  # of drives with the motor's torque a third have a compliance outside U (axis.md)
@@ -68,3 +69,16 @@ def test_numbers_of_which_no_table_can_be_made_are_one_line(capsys, bad, said):
         main([bad])
     assert ended.value.code == 2
     assert said in capsys.readouterr().err.splitlines()[-1]
+
+
+def test_a_stopped_table_goes_on_after_its_last_line(tmp_path, capsys, monkeypatch):
+    left = iter(["noise", "delay"])
+
+    def one_more(name, n, rng):
+        return f"{name} {n} {next(left, None) or pytest.fail('made again')}"
+
+    monkeypatch.setattr(single_drives, "CAUSES", {"delay": CAUSES["delay"]})
+    monkeypatch.setattr(single_drives, "row_of_drives", one_more)
+    for _ in range(2):
+        assert main(["--n=1", f"--out={tmp_path}"]) == 0
+        assert capsys.readouterr().out.splitlines()[1:] == ["noise only 1 noise", "delay 1 delay"]

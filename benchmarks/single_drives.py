@@ -141,11 +141,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parser.error(f"--n is {options.n}; give the number of drives of each cause, 1 or more")
     if options.seed < 0:
         parser.error(f"--seed is {options.seed}; give 0 or more")
+    kept = KeptResults(options.out / "results.jsonl")
+    code = code_digest("calibration", "mock_devices/axis.py", "benchmarks/single_drives.py")
     print(
         "drives with                    n  right  named an effect  unknown  within U  off: median  largest", flush=True
     )
-    kept = KeptResults(options.out / "results.jsonl")
-    code = code_digest("calibration", "mock_devices/axis.py", "benchmarks/single_drives.py")
     for number, name in enumerate(("noise only", *CAUSES)):
         key = key_of(code, name, options.n, options.seed)
         if key not in kept:

@@ -15,15 +15,22 @@ def key_of(*parts: str | int) -> str:
     return hashlib.sha256("\0".join(map(str, parts)).encode()).hexdigest()[:16]
 
 
+class CannotBeKept(Exception):
+    """A file of results that cannot be read or written: what is wrong, and what to do."""
+
+
 class KeptResults(dict[str, dict[str, Any]]):
     """Results by their `key`, those of a file that is there among them; a line that was not written to its end is none.
 
-    Raises ValueError if the file is damaged elsewhere.
+    Raises ValueError if the file is damaged elsewhere, CannotBeKept if it can be neither read nor made.
     """
 
     def __init__(self, path: Path, *, fresh: bool = False) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        text = path.read_text(encoding="utf-8") if path.exists() and not fresh else ""
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            text = path.read_text(encoding="utf-8") if path.exists() and not fresh else ""
+        except OSError as error:
+            raise CannotBeKept(f"{path}: {error.strerror}; name another folder") from error
         whole = text[: text.rfind("\n") + 1]
         results = [json.loads(line) for line in whole.splitlines()]
         super().__init__({result["key"]: result for result in results})
@@ -39,9 +46,12 @@ class KeptResults(dict[str, dict[str, Any]]):
 
 
 def until_stopped(main: Callable[[], int], again: str = "goes on from here") -> int:
-    """The status of a command, after an interrupt too; again: what the same command does then."""
+    """The status of a command: 130 after an interrupt, 2 if nothing can be kept; again: what it does then."""
     try:
         return main()
+    except CannotBeKept as error:
+        print(f"results cannot be kept in {error}", file=sys.stderr)
+        return 2
     except KeyboardInterrupt:
         print(f"stopped; the same command {again}", file=sys.stderr)
         return 130

@@ -15,7 +15,7 @@ import pytest
 
 from benchmarks import setups
 from benchmarks.side_by_side import side_by_side
-from tests.kept_results import until_stopped
+from tests.kept_results import KeptResults, until_stopped
 
 
 def test_processes_leave_an_interrupt_to_the_one_that_started_them():
@@ -66,3 +66,16 @@ def test_set_ups_go_on_from_the_seeds_that_were_finished(tmp_path, monkeypatch, 
     monkeypatch.setattr(setups, "code_digest", lambda *_: "of another version")
     assert until_stopped(setups.main) == 0
     assert asked[-1] == [1, 2, 3]
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path, capsys):
+    (tmp_path / "file").write_text("")
+    path = tmp_path / "file" / "results.jsonl"
+
+    def main():
+        return len(KeptResults(path))
+
+    assert until_stopped(main) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith(f"results cannot be kept in {path}: ")
+    assert line.endswith("; name another folder")

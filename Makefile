@@ -215,21 +215,28 @@ single-drives: $(VENV)/dev.stamp
 host-rows: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.host_rows
 
-$(VENV)/run.stamp: pyproject.toml
+# Installs the extras $(1). pip would compile one file after another; compileall does on all cores. Files that are no
+# Python of this version, templates and such, are passed over by either.
+define install
 	$(PYTHON) -m venv $(VENV)
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable .
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check --no-compile --editable '.$(1)'
+	$(BIN)/python -m compileall -qq -j 0 $(VENV)/lib || true
+endef
+
+$(VENV)/run.stamp: pyproject.toml
+	$(call install)
 	touch $@
 
-$(VENV)/dev.stamp: $(VENV)/run.stamp
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[dev]'
-	touch $@
+$(VENV)/dev.stamp: pyproject.toml
+	$(call install,[dev])
+	touch $(VENV)/run.stamp $@
 
 $(VENV)/gapbench.stamp: $(VENV)/dev.stamp
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[gapbench]'
+	$(call install,[gapbench])
 	touch $@
 
 $(VENV)/bench.stamp: $(VENV)/run.stamp
-	$(BIN)/python -m pip install --quiet --disable-pip-version-check --editable '.[bench]'
+	$(call install,[bench])
 	touch $@
 
 clean:

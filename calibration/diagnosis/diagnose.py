@@ -151,6 +151,7 @@ def _diagnose_with_models(
         judged = judge_beside_causes(searched.found.result.likelihoods[-1], linear.weight)
         if judged is not None:
             again = SearchBudget(found=_begins_of(searched.found.result.causes), limit=work)
+            del searched  # half of the memory: what follows needs none of its columns
             searched = _search(linearise_again(linear, judged), catalogue, again)
     inputs, by_drive, not_tested, found = searched.inputs, searched.by_drive, searched.not_tested, searched.found
     likelihood, search_result = found.likelihood, found.result

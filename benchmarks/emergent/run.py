@@ -15,11 +15,8 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import shutil
 import sys
-import time
 from collections.abc import Sequence
-from concurrent.futures import as_completed
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -29,10 +26,10 @@ import mujoco  # type: ignore[import-untyped]
 from benchmarks.emergent.cases import SEED, Plan, plan
 from benchmarks.emergent.making import make_case
 from benchmarks.independent import run as independent
+from benchmarks.independent.make_all import make_all
 from benchmarks.independent.pack import pack
 from benchmarks.independent.recordings import digest_of
 from benchmarks.results_file import ROOT, code_digest
-from benchmarks.side_by_side import side_by_side
 from benchmarks.timing import in_one_thread
 from benchmarks.withheld.score_rows import Row, called, overall_right
 from tests.kept_results import until_stopped
@@ -51,7 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     chosen = plans[: options.n]  # they are mixed: the first ones are a fair sample
     plant = f"{code_digest(*PLANT)}-mujoco-{mujoco.__version__}"
     folder = options.out / f"{plant}-seed-{options.seed}"
-    make_all(chosen, folder / "cases", options.processes)
+    make_all(make_case, chosen, folder / "cases", options.processes)
     if options.make_only:
         print(f"{len(chosen)} cases: {folder / 'cases'}")
         return 0
@@ -64,21 +61,6 @@ def main(arguments: list[str] | None = None) -> int:
     if status != 2:
         print("", *by_cause(json.loads(details.read_text(encoding="utf-8"))["rows"], chosen), sep="\n")
     return status
-
-
-def make_all(chosen: Sequence[Plan], cases: Path, processes: int) -> None:
-    """Make the cases that are not there; each is whole or not there."""
-    missing = [one for one in chosen if not (cases / one.name).exists()]
-    for part in cases.glob("*.part"):
-        shutil.rmtree(part)
-    started = time.monotonic()
-    with side_by_side(make_case, [(one, cases) for one in missing], processes) as running:
-        for done, future in enumerate(as_completed(running), 1):
-            name, passed = future.result(), (time.monotonic() - started) / 60.0
-            left = passed / done * (len(missing) - done)
-            print(
-                f"{name} made; {done} of {len(missing)}; {passed:.1f} min, {left:.1f} left", file=sys.stderr, flush=True
-            )
 
 
 def append_once(log: Path, plant: str, seed: int, n: int) -> None:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import io
 import json
+import os
+import shutil
 import tarfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -22,17 +24,23 @@ from benchmarks.independent.truths import ARRAYS, TABLE
 def write_case(
     folder: Path, files: Mapping[str, bytes], entry: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]
 ) -> None:
-    """Write one recording and its truth; whole when this returns, or not there.
+    """Write one recording and its truth; whole when this returns, or not there. One that another process has written
+    meanwhile, such as one that outlives its killed parent, is the same and stays.
 
     files: contents by name; entry: its object of the table of truths; arrays: `clean_m` (r, 3) and `platform` (r,).
     """
-    under_way = folder.with_name(f"{folder.name}.part")
+    under_way = folder.with_name(f"{folder.name}.{os.getpid()}.part")
     under_way.mkdir(parents=True, exist_ok=True)
     for name, data in files.items():
         (under_way / name).write_bytes(data)
     (under_way / "entry.json").write_text(json.dumps(entry, allow_nan=False), encoding="utf-8")
     (under_way / "arrays.npz").write_bytes(packed_arrays(arrays))
-    under_way.rename(folder)
+    try:
+        under_way.rename(folder)
+    except OSError:
+        if not folder.is_dir():
+            raise
+        shutil.rmtree(under_way)
 
 
 def pack(cases: Path, folder: Path, names: Iterable[str]) -> Path:

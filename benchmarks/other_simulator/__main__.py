@@ -12,22 +12,18 @@ or a recording cannot be made, 130 if interrupted.
 from __future__ import annotations
 
 import argparse
-import shutil
 import sys
-import time
-from collections.abc import Sequence
-from concurrent.futures import as_completed
 from pathlib import Path
 from typing import NoReturn
 
+from benchmarks.independent.make_all import make_all
 from benchmarks.independent.pack import pack
-from benchmarks.other_simulator.archives import Case, cases_of
+from benchmarks.other_simulator.archives import cases_of
 from benchmarks.other_simulator.forms.catalogue import ARCHIVES
 from benchmarks.other_simulator.making import NoRecording, make_case
 from benchmarks.results_file import code_digest
-from benchmarks.side_by_side import side_by_side
 from benchmarks.timing import in_one_thread
-from tests.kept_results import until_stopped
+from tests.kept_results import CannotBeKept, until_stopped
 
 CODE = "benchmarks/other_simulator"
 
@@ -45,29 +41,12 @@ def main(arguments: list[str] | None = None) -> int:
             raise BadInput(f"--n {options.n}: archive {options.archive} has {len(cases)} recordings")
         chosen = cases[: options.n or None]  # they are mixed: the first ones are a fair sample
         folder = options.out / "cases" / f"{options.archive}-{code_digest(CODE)}"
-        make_all(chosen, folder, options.processes)
+        make_all(make_case, chosen, folder, options.processes)
         print(pack(folder, options.out, [case.name for case in chosen]))
-    except (BadInput, NoRecording, OSError) as error:
+    except (BadInput, CannotBeKept, NoRecording, OSError) as error:
         print(f"other_simulator: {error}", file=sys.stderr)
         return 2
     return 0
-
-
-def make_all(chosen: Sequence[Case], folder: Path, processes: int) -> None:
-    """Make the recordings that are not there; each is whole or not there."""
-    folder.mkdir(parents=True, exist_ok=True)
-    missing = [case for case in chosen if not (folder / case.name).exists()]
-    for part in folder.glob("*.part"):
-        shutil.rmtree(part)
-    started = time.monotonic()
-    with side_by_side(make_case, [(case, folder) for case in missing], processes) as running:
-        for done, future in enumerate(as_completed(running), 1):
-            name, passed_min = future.result(), (time.monotonic() - started) / 60.0
-            left_min = passed_min / done * (len(missing) - done)
-            print(
-                f"{name} made; {done} of {len(missing)}; {passed_min:.1f} min, {left_min:.1f} left",
-                file=sys.stderr, flush=True,
-            )  # fmt: skip
 
 
 class _Parser(argparse.ArgumentParser):

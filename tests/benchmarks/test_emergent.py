@@ -22,6 +22,7 @@ from benchmarks.emergent.making import make_case
 from benchmarks.emergent.sizes import Sizes
 from benchmarks.emergent.statics import drives_of, hang
 from benchmarks.emergent.strut_model import StrutParts, Struts
+from benchmarks.independent import make_all as making
 from benchmarks.independent.recordings import digest_of, is_even
 from benchmarks.independent.truths import read_truths
 from calibration.effects.catalogue import load_catalogue
@@ -276,8 +277,8 @@ def test_a_stopped_run_goes_on_and_says_what_it_scores_before_it_does(tmp_path, 
                 break
         yield out
 
-    monkeypatch.setattr(run, "side_by_side", stopped_at_the_second)
-    monkeypatch.setattr(run, "as_completed", iter)
+    monkeypatch.setattr(making, "side_by_side", stopped_at_the_second)
+    monkeypatch.setattr(making, "as_completed", iter)
     arguments = ["run", "--n", "3", "--out", str(tmp_path / "out"), "--log", str(tmp_path / "log")]
     monkeypatch.setattr(sys, "argv", arguments)
     assert until_stopped(run.main) == 130
@@ -310,3 +311,11 @@ def test_numbers_of_which_no_run_can_be_made_are_refused_before_anything_is_made
     assert ended.value.code == 2
     assert said in capsys.readouterr().err.splitlines()[-1]
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path, monkeypatch, capsys):
+    (tmp_path / "file").touch()
+    monkeypatch.setattr(sys, "argv", ["run", "--n", "1", "--out", str(tmp_path / "file")])
+    assert until_stopped(run.main) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert "Not a directory; name another folder" in said

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.independent.pack import write_case
 from benchmarks.independent.recordings import ARCHIVE, FILES, copy_recordings, names_of
 from benchmarks.other_simulator.__main__ import main
 from benchmarks.other_simulator.archives import cases_of
@@ -207,6 +208,15 @@ def test_what_is_resumed_equals_the_whole(tmp_path, capsys):
     assert names_of(whole / ARCHIVE, even=False) == []
     copy_recordings(whole / ARCHIVE, ["rec002", "rec004"], tmp_path / "copies")
     assert read_folder(tmp_path / "copies" / "rec004").file.campaign == "rec004"
+
+
+def test_a_recording_that_another_process_has_written_meanwhile_stays(tmp_path):
+    """As one does that outlives its killed parent while the same command goes on."""
+    arrays = {"clean_m": np.zeros((1, 3)), "platform": np.ones(1, dtype=bool)}
+    for content in (b"first", b"second"):
+        write_case(tmp_path / "rec002", {"readings.csv": content}, {"kind": "null"}, arrays)
+    assert [path.name for path in tmp_path.iterdir()] == ["rec002"]
+    assert (tmp_path / "rec002" / "readings.csv").read_bytes() == b"first"
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.calibrated_mock import calibrated_mock
+from benchmarks.side_by_side import end_with_parent
 from calibration.identification.prediction import predict_poses
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.reduction.reduction import Reduction
@@ -205,7 +206,7 @@ def main() -> int:
     options = parser.parse_args()
     seeds = [int(s) for s in options.seeds.split(",")]
     rows = []
-    with ProcessPoolExecutor(options.workers) as pool:
+    with ProcessPoolExecutor(options.workers, initializer=end_with_parent) as pool:
         for row in pool.map(_quiet_run, seeds, [options.out] * len(seeds)):
             rows.append(row)
             print(line_of(row), flush=True)

@@ -23,6 +23,7 @@ import numpy as np
 
 from benchmarks.calibrated_mock import calibrated_mock
 from benchmarks.results_file import ResultsFile, code_digest
+from benchmarks.side_by_side import end_with_parent
 from calibration.base.errors import InputError
 from calibration.identification.calibration import pose_u
 from calibration.identification.prediction import predict_poses
@@ -245,7 +246,7 @@ def main() -> int:
         print(line_of(row), flush=True)
     missing = [seed for seed in seeds if seed not in {row["seed"] for row in rows}]
     ended = []
-    with ProcessPoolExecutor(options.workers) as pool:
+    with ProcessPoolExecutor(options.workers, initializer=end_with_parent) as pool:
         running = {pool.submit(_quiet_run, options.machine, seed, options.out): seed for seed in missing}
         for future in as_completed(running):
             if (error := future.exception()) is not None:

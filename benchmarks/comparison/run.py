@@ -28,6 +28,7 @@ from benchmarks.comparison.change import Change
 from benchmarks.comparison.table import measures, printed
 from benchmarks.comparison.visible import Campaign, derivatives
 from benchmarks.results_file import ROOT, code_digest
+from benchmarks.side_by_side import end_with_parent
 from calibration.machine.description import Machine
 from calibration.recording.folder import write_folder
 from mock_devices.settings import DisturbanceLevels
@@ -59,7 +60,8 @@ def compare_all(options: argparse.Namespace) -> list[dict[str, Any]]:
         return [results[key]["row"] for key in keys if key in results]
     if missing:
         prepare()
-    started, pool = time.monotonic(), ProcessPoolExecutor(options.processes, multiprocessing.get_context("fork"))
+    forked = multiprocessing.get_context("fork")
+    started, pool = time.monotonic(), ProcessPoolExecutor(options.processes, forked, initializer=end_with_parent)
     try:
         tasks = {pool.submit(row_of, options.seed, k): k for k in missing}
         for done, task in enumerate(as_completed(tasks), start=1):

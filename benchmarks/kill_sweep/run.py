@@ -23,6 +23,7 @@ from typing import Any
 from benchmarks.kill_sweep.chain import ChainRun, Untouched
 from benchmarks.kill_sweep.silent import CASES, run_case
 from benchmarks.kill_sweep.strikes import Chain, plan
+from benchmarks.side_by_side import end_with_parent
 
 
 def main() -> int:
@@ -45,7 +46,10 @@ def main() -> int:
     done = {result["chain"] for result in results}
     chains = [chain for chain in plan(arguments.seed) if arguments.only in chain.name][: arguments.chains]
     cases = [case for case in CASES if arguments.only in case]
-    with path.open("a", encoding="utf-8") as file, ProcessPoolExecutor(arguments.jobs) as pool:
+    with (
+        path.open("a", encoding="utf-8") as file,
+        ProcessPoolExecutor(arguments.jobs, initializer=end_with_parent) as pool,
+    ):
         for case in cases:  # alone, because they are about time
             if case not in done:
                 _keep(file, results, pool.submit(run_case, case, _emptied(out / case)).result())

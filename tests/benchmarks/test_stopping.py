@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import multiprocessing
 import operator
+import os
+import select
 import signal
+import subprocess
 import sys
 import time
 from concurrent.futures import Future
@@ -14,8 +17,19 @@ from multiprocessing import connection
 import pytest
 
 from benchmarks import setups
+from benchmarks.results_file import ROOT
 from benchmarks.side_by_side import side_by_side
 from tests.kept_results import KeptResults, until_stopped
+
+AT_WORK = """
+import multiprocessing, operator, os, time
+from benchmarks.results_file import ROOT
+from benchmarks.side_by_side import side_by_side
+if __name__ == "__main__":
+    with side_by_side(operator.call, [(os.getpid,), (time.sleep, 60.0), (time.sleep, 60.0)], 2) as running:
+        running[0].result()
+        print(*(process.pid for process in multiprocessing.active_children()), flush=True)
+"""
 
 
 def test_processes_leave_an_interrupt_to_the_one_that_started_them():
@@ -37,6 +51,20 @@ def test_processes_leave_an_interrupt_to_the_one_that_started_them():
     (worker,) = seen[2:]
     # Not is_alive: while a thread of the pool takes the exit status, it cannot tell.
     assert connection.wait([worker.sentinel], 20.0)
+
+
+def test_processes_end_with_the_one_that_started_them_where_it_is_killed():
+    parent = subprocess.Popen([sys.executable, "-c", AT_WORK], cwd=ROOT, stdout=subprocess.PIPE, text=True)
+    with parent:
+        workers = [os.pidfd_open(int(number)) for number in parent.stdout.readline().split()]
+        try:
+            parent.kill()
+            for worker in workers:
+                assert select.select([worker], [], [], 20.0)[0]
+        finally:
+            for worker in workers:
+                os.close(worker)
+    assert len(workers) == 2
 
 
 def test_set_ups_go_on_from_the_seeds_that_were_finished(tmp_path, monkeypatch, capsys):

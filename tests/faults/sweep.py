@@ -17,6 +17,7 @@ from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wai
 from dataclasses import asdict
 from pathlib import Path
 
+from benchmarks.side_by_side import end_with_parent
 from mock_devices.faults import FAULTS, Fault
 from pkm_rig.jobs.session import pin_to_one_core
 from tests.faults.attempt import ENDED_RIGHT, STOPPED, UNTOUCHED, WRONG, Result, attempt, reference
@@ -82,6 +83,7 @@ def _missing(names: list[str], results: Mapping[tuple[str, int], Result], ended:
 
 def _prepare() -> None:
     global _wanted  # noqa: PLW0603  one reference a process
+    end_with_parent()
     _wanted = reference()
 
 

@@ -14,6 +14,7 @@ from scipy.stats import chi
 from calibration.base.arrays import Array
 
 GATE_SIGMAS = 6.0
+ELSEWHERE_TIMES, ELSEWHERE_M, MOST_ELSEWHERE = 8.0, 0.05, 0.1  # no machine is so far off what it is commanded
 BULK = (0.5, 0.9)  # quantiles of the deviations that must agree with the stated deviations, else these are too small
 
 
@@ -33,3 +34,11 @@ def own_sigmas(distance: Array, width: int, kind: NDArray[np.intp]) -> Array:
         rows = kind == one
         out[rows] /= scale_of(distance[rows], width)
     return out
+
+
+def are_elsewhere(miss_m: Array) -> NDArray[np.bool_]:
+    """Which readings (n,) miss their expected places by so much (n,) more than most do that the station must have seen
+    another reflector, or a mirror image. None where these are many: then something else is wrong.
+    """
+    out = miss_m > max(ELSEWHERE_TIMES * float(np.median(miss_m)), ELSEWHERE_M)
+    return np.asarray(out if np.mean(out) < MOST_ELSEWHERE else np.zeros_like(out))

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.channels import AXES, Channels
+from calibration.diagnosis.channels import AXES, Channels, alike_but_for_zero
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.effects.basis_functions import cosine_basis, random_walk_basis, scale_to_symmetric
 from calibration.recording.header import HOUR_S
@@ -76,8 +76,9 @@ def columns_of_any_change(observed: ObservedModel, whiten: Array) -> list[Array]
         for name in (f"travel.{drive}", *channels.sideways_channels(a)):
             parts.append(_shaped(_free(whiten, observed, channels.shift_m(name)), shapes))
     slow = walk[:, : SLOW_TERMS + 1]
-    everywhere = [name for name in channels.names if name.startswith(("station.", "light."))]
-    parts += [_shaped(_free(whiten, observed, channels.shift_m(name)), slow) for name in everywhere]
+    for names in alike_but_for_zero([name for name in channels.names if name.startswith(("station.", "light."))]):
+        alike = _free(whiten, observed, np.stack([channels.shift_m(name) for name in names], axis=2))
+        parts += [_shaped(alike[:, :, k], slow) for k in range(len(names))]
     return parts
 
 
@@ -105,8 +106,8 @@ def _functions_of_drive(observed: ObservedModel, drive: int) -> Array:
 
 
 def _free(whiten: Array, observed: ObservedModel, shift_m: Array) -> Array:
-    """Whitened shifts (n, 3), scaled to FREE_SIGMAS RMS over the readings that move."""
-    moved = np.einsum("nij,nj->ni", whiten, shift_m @ observed.frame.rotation.T)
+    """Whitened shifts (n, 3), or several alike (n, 3, k), scaled to FREE_SIGMAS RMS over the readings that move."""
+    moved = np.einsum("nij,nj...->ni...", whiten, np.einsum("ij,nj...->ni...", observed.frame.rotation, shift_m))
     size = np.linalg.norm(moved, axis=1)
     rms = float(np.sqrt(np.mean(size[size > 0.0] ** 2))) if np.any(size > 0.0) else 1.0
     return np.asarray(moved * (FREE_SIGMAS / rms))

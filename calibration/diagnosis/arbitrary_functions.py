@@ -88,8 +88,12 @@ def _left_by_motions(inputs: EffectInputs, drive: int) -> Array:
 
 
 def functions_of_sight(inputs: EffectInputs) -> Array:
-    """Functions (n, k) of where the measured point is, seen from the station."""
-    across, height = inputs.sight_m[:, 0], inputs.sight_m[:, 2]
+    """Functions (n, k) of where the measured point is, seen from the station: on the level across the middle of all
+    lines of sight, wherever the circle has its zero, and in height.
+    """
+    middle = inputs.sight_m.mean(axis=0)
+    hz_rad, height = np.arctan2(middle[0], middle[1]), inputs.sight_m[:, 2]
+    across = inputs.sight_m[:, :2] @ np.array([np.cos(hz_rad), -np.sin(hz_rad)])
     return tensor_product(
         cosine_basis(across, 5, roughness=1.0, constant=True), cosine_basis(height, 4, roughness=1.0, constant=True)
     )

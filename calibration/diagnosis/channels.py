@@ -22,6 +22,16 @@ AXES = "xyz"
 STATED = ("growth", "payload", "scale", "table")  # kinds of channels of stated values
 
 
+def alike_but_for_zero(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Channels one by one, but those along, and those about, the station's x and y together: where these point is where
+    its circle has its zero, so that one scale must hold for both."""
+    groups: dict[str, list[str]] = {}
+    for name in names:
+        on_level = name.startswith("station.") and name.endswith(("x", "y"))
+        groups.setdefault(name[:-1] if on_level else name, []).append(name)
+    return [tuple(group) for group in groups.values()]
+
+
 class Channels:
     """Responses of the readings of an observed model to one unit of each channel, by name, computed on first use."""
 

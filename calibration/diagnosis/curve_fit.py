@@ -23,7 +23,7 @@ from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import BasisSet, Curve, Tangent, Tangents
 from calibration.effects.columns import Contributions
 
-STAGES = ((1, 8), (5, 2), (25, 1))  # steps from each point that is left, and how many are left then, the best ones
+STAGES = ((3, 16), (12, 8), (60, 4))  # steps from each point that is left, and how many are left then, the best ones
 FIRST_DAMPING, LESS_DAMPING, MORE_DAMPING, MOST_DAMPING = 1e-2, 0.2, 5.0, 1e4
 LARGEST_STEP = 0.7  # of parameters without a spread of their own
 MIN_GAIN = 0.02  # of log evidence: a step that gains less is the last

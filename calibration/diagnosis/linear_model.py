@@ -15,16 +15,18 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
+from calibration.base.outliers import are_elsewhere
 from calibration.diagnosis.disturbances import disturbance_columns
 from calibration.diagnosis.linearisation import Unknowns, linearise
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
 from calibration.diagnosis.nest_readings import columns_of_all_readings, nest_columns
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings
+from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings, lengths_m
 from calibration.diagnosis.reading_weights import SecondJudgement, weights_by_model
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
+from calibration.instruments.station_geometry import whitening
 from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
 from calibration.model.visits import Visits
@@ -209,7 +211,9 @@ def linearise_recording(
     if the readings do not allow it.
     """
     usable = usable_rows(recording)
-    rows, left_out, far_off = usable, tuple[LeftOutReading, ...](), np.zeros(0)
+    of_another_place = _readings_of_another_place(recording, usable) if judge else {}
+    rows, left_out = np.setdiff1d(usable, list(of_another_place)), tuple(of_another_place.values())
+    far_off = np.zeros(0)
     for _ in range(GATINGS):
         linear, judged = _linearise_rows(recording, rows, np.setdiff1d(usable, rows), judge=judge, held=held)
         far_off = far_off if judged is None else judged.far
@@ -222,6 +226,26 @@ def linearise_recording(
         rows = np.setdiff1d(rows, list(wrong))
         judge = any(reading.reason == GIANT for reading in wrong.values())
     return linear
+
+
+def _readings_of_another_place(recording: Recording, rows: NDArray[np.intp]) -> dict[int, LeftOutReading]:
+    """Those of some rows (n,) that are nowhere near where the nominal machine has their reflectors: no fit begins with
+    them. Of the floor nests, which do not take part in it, none."""
+    setups = setups_of(recording)
+    used = in_first_frame(recording.take(rows), setups)
+    observations, visit, _ = _observations(used, setups)
+    _require_enough_visits(used.machine, observations.visits)
+    unknowns = Unknowns.of(used, observations, setups)
+    readings = SmrPositions(observations, unknowns.station)
+    poses = unknowns.model.predict(np.zeros(unknowns.of_model), observations.visits, observations.visits.target_m)
+    missed = readings.compare(poses, observations.visit[:, None], np.zeros(len(unknowns.names) - unknowns.of_model))
+    miss_m = lengths_m(readings.whiten, missed.residual)
+    at_pose, elsewhere = rows[visit >= 0], are_elsewhere(miss_m)
+    sigmas = np.linalg.norm(missed.residual, axis=1)
+    return {
+        int(at_pose[i]): LeftOutReading.of_recording(recording, int(at_pose[i]), miss_m[i], sigmas[i], GIANT)
+        for i in np.flatnonzero(elsewhere)
+    }
 
 
 def linearise_again(linear: LinearModel, judged: SecondJudgement) -> LinearModel:
@@ -262,7 +286,7 @@ def _linearise_rows(
     )
     # A reflector may be put into its floor nest anew for each check.
     seat_m2 = recording.file.nuisance.reseat_m**2 * observed.on_floor[:, None, None] * np.eye(3)
-    whiten = np.linalg.inv(np.linalg.cholesky(used.covariances_m2 + seat_m2))
+    whiten = whitening(used.covariances_m2 + seat_m2, used.positions_m)
     by_unknowns, residual = columns_of_all_readings(observed, whiten, unknowns, point, setups.rows(used["station"]))
     by_nests, nest_names = nest_columns(observed, whiten)
     by_disturbances, disturbance_names = disturbance_columns(

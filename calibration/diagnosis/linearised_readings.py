@@ -105,8 +105,9 @@ class LinearisedReadings(ObservedModel, ABC):
 
     @property
     def sigma_of_length_m(self) -> float:
-        """Standard deviation of a typical length read."""
-        return float(np.median(1.0 / np.linalg.norm(self.whiten[:, 0], axis=1)))
+        """Standard deviation of a typical length read; of several numbers (w) of a reading their geometric mean."""
+        square = np.linalg.det(self.whiten @ self.whiten.transpose(0, 2, 1))
+        return float(np.median(square ** (-0.5 / self.whiten.shape[1])))
 
     @property
     @abstractmethod

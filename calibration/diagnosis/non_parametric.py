@@ -13,7 +13,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.arbitrary_functions import functions_for_all_channels, functions_of_drive, functions_of_sight
 from calibration.diagnosis.basis_set_evidence import log_evidence_of_sizes, log_sum
-from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.channels import Channels, alike_but_for_zero
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import EffectInputs
 from calibration.effects.columns import ColumnsByChannel
@@ -121,10 +121,20 @@ def _channel_unit(likelihood: MarginalLikelihood, channel: str) -> float:
     return 1.0 / rms if rms > NEGLIGIBLE_RESPONSE else 0.0
 
 
+def _units(likelihood: MarginalLikelihood, group: tuple[str, ...]) -> dict[str, float]:
+    """Units of channels that are tried together."""
+    out = dict[str, float]()
+    for names in alike_but_for_zero(group):
+        units = np.array([_channel_unit(likelihood, name) for name in names])
+        moving = units[units > 0.0]
+        out |= dict.fromkeys(names, float(np.mean(moving**-2.0) ** -0.5) if moving.size else 0.0)
+    return out
+
+
 def _non_parametric_evidence(
     likelihood: MarginalLikelihood, inputs: EffectInputs, group: tuple[str, ...], coordinate: str, shapes: Array
 ) -> NonParametricEffect:
-    channels = tuple((name, _channel_unit(likelihood, name)) for name in group)
+    channels = tuple(_units(likelihood, group).items())
     columns = inputs.once((group, coordinate), lambda: ColumnsByChannel.through(channels, shapes))
     logs = log_evidence_of_sizes(likelihood.kept_information_and_score(columns), SIZES_SIGMA)
     evidence = float(log_sum(logs) - np.log(len(logs)))

@@ -14,7 +14,7 @@ from calibration.base.frame import Frame
 from calibration.base.rotation import skew
 from calibration.instruments.readings import WhitenedResiduals
 from calibration.instruments.setups import RANGE_ERRORS, Setups, range_shifts
-from calibration.instruments.station_geometry import StationAccuracy
+from calibration.instruments.station_geometry import StationAccuracy, whitening
 from calibration.machine.description import Machine
 from calibration.model.model import Poses, Unknown
 from calibration.model.visits import Visits
@@ -196,8 +196,8 @@ class SmrPositions:
 
     @cached_property
     def whiten(self) -> Array:
-        """Inverse Cholesky factors (r, 3, 3) of the covariances."""
-        return np.linalg.inv(np.linalg.cholesky(self.observations.covariance_m2))
+        """Whitening matrices (r, 3, 3) of the readings."""
+        return whitening(self.observations.covariance_m2, self.observations.position_m)
 
     def unknowns(self, machine: Machine) -> tuple[Unknown, ...]:
         """The station's unknowns."""

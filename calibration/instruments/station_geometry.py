@@ -33,6 +33,29 @@ def lines_of_sight(hz_rad: Array, v_rad: Array) -> Array:
     return np.stack([sin_v * np.sin(hz_rad), sin_v * np.cos(hz_rad), np.cos(v_rad)], axis=1)
 
 
+def axes_of_sight(point_m: Array) -> Array:
+    """Unit vectors (n, 3, 3) at points (n, 3), as rows: along the line of sight, across it on the level and upwards.
+
+    At the station itself, where no such line is, those of its frame.
+    """
+    hz_rad = np.arctan2(point_m[:, 0], point_m[:, 1])
+    v_rad = np.pi / 2.0 - np.arctan2(point_m[:, 2], np.hypot(point_m[:, 0], point_m[:, 1]))
+    on_level = np.stack([np.cos(hz_rad), -np.sin(hz_rad), np.zeros_like(hz_rad)], axis=1)
+    along = lines_of_sight(hz_rad, v_rad)
+    axes = np.stack([along, on_level, np.cross(on_level, along)], axis=1)
+    return np.where(np.any(point_m != 0.0, axis=1)[:, None, None], axes, np.eye(3))
+
+
+def whitening(covariances_m2: Array, point_m: Array) -> Array:
+    """Whitening matrices (n, 3, 3) of readings at points (n, 3): of the line of sight, across it on the level and
+    upwards, each less what those before say of it.
+
+    What is judged by single coordinates, such as by the worst one, must not depend on where the circle's zero points.
+    """
+    axes = axes_of_sight(point_m)
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(axes @ covariances_m2 @ axes.transpose(0, 2, 1))) @ axes)
+
+
 def across_line_of_sight(shift_m: Array, point_m: Array) -> Array:
     """The part of shifts (..., 3) that is perpendicular to the line of sight to a point (3,)."""
     sight = point_m / np.linalg.norm(point_m)

@@ -15,6 +15,7 @@ from scipy.optimize import least_squares
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
+from calibration.base.outliers import are_elsewhere
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.machine.description import Machine
@@ -84,7 +85,8 @@ def apply_increment(coordinates: Array, step: Array, dof: NDArray[np.intp]) -> A
 def fit_report_frame(machine: Machine, observations: ReflectorObservations, start: Frame) -> ReportFrame:
     """Fit frame and mounting to readings against their visits' commanded poses.
 
-    The observations should be without payload; reflectors that are not on the platform are ignored.
+    The observations should be without payload; reflectors that are not on the platform are ignored, and so are single
+    readings of quite another place.
     The mounting's prior (its tolerance) fixes the gauge between a shift of all reflectors and one
     of the frame. Raises InputError with fewer than 4 poses or fewer than 3 platform reflectors.
     """
@@ -106,10 +108,13 @@ def fit_report_frame(machine: Machine, observations: ReflectorObservations, star
     def unpack(x: Array) -> tuple[Frame, Array]:
         return start.with_increment(x[:6]), nominal + sigma * x[6:].reshape(-1, 3)
 
-    def residual(x: Array) -> Array:
+    def miss_m(x: Array) -> Array:
         frame, mounting = unpack(x)
         point = target[:, :3] + np.einsum("rij,rj->ri", turn, mounting[column])
-        error = np.einsum("rij,rj->ri", whiten, frame.to_station(point) - observations.position_m[rows])
+        return np.asarray(frame.to_station(point) - observations.position_m[rows])
+
+    def residual(x: Array) -> Array:
+        error = np.einsum("rij,rj->ri", whiten, miss_m(x))[keep]
         return np.concatenate([error.ravel(), x[6:]])
 
     def jacobian(x: Array) -> Array:
@@ -120,14 +125,18 @@ def fit_report_frame(machine: Machine, observations: ReflectorObservations, star
         out[:, :, 3:6] = np.eye(3)
         first = 6 + 3 * column[:, None] + np.arange(3)
         np.put_along_axis(out, first[:, None, :], sigma * frame.rotation @ turn, axis=2)
-        white = np.einsum("rij,rjx->rix", whiten, out).reshape(-1, x.size)
+        white = np.einsum("rij,rjx->rix", whiten, out)[keep].reshape(-1, x.size)
         return np.vstack([white, np.eye(x.size)[6:]])
 
-    # Rotation and translation of a frame 3 m away are strongly correlated: exact derivatives, tight limits.
-    answer = least_squares(
-        residual, np.zeros(6 + nominal.size), jac=jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14
-    )
-    frame, mounting = unpack(answer.x)
+    keep, values = np.ones(len(column), dtype=bool), np.zeros(6 + nominal.size)
+    while True:
+        # Rotation and translation of a frame 3 m away are strongly correlated: exact derivatives, tight limits.
+        values = least_squares(residual, values, jac=jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
+        elsewhere = are_elsewhere(np.linalg.norm(miss_m(values), axis=1))
+        if not np.any(elsewhere & keep):
+            break
+        keep &= ~elsewhere
+    frame, mounting = unpack(values)
     off = np.linalg.norm(mounting - nominal, axis=1)
     if np.max(off) > MAX_MISS_TOLERANCES * machine.file.tolerances.smr_position_m:
         raise InputError(

@@ -220,3 +220,10 @@ def _header(machine: Machine) -> RecordingFile:
 def changed(recording: Recording, **columns: np.ndarray) -> Recording:
     """A recording with other columns."""
     return replace(recording, columns={**recording.columns, **columns})
+
+
+def moved(recording: Recording, rows: np.ndarray, by_m: float) -> Recording:
+    """The recording with readings along the station's first axis off."""
+    position = recording.positions_m.copy()
+    position[rows, 0] += by_m
+    return replace(recording, columns=dict(recording.columns) | {"x_m": position[:, 0]})

@@ -15,8 +15,9 @@ from calibration.diagnosis.findings.remarks import _far_off
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording, usable_rows
 from calibration.recording.header import DeclaredLevels
 from calibration.recording.recording import make_recording
+from calibration.reduction.left_out import GIANT
 from mock_devices.settings import DisturbanceLevels
-from tests.calibration.diagnosis.campaigns import changed, plant, recorded, simulated
+from tests.calibration.diagnosis.campaigns import changed, moved, plant, recorded, simulated
 
 
 def chi2_ratio(linear: LinearModel) -> float:
@@ -263,3 +264,16 @@ def test_what_is_not_finite_cannot_come_in(wandering, column, value):
     ]
     with pytest.raises(InputError, match=f"'{column}' is not finite"):
         make_recording(wandering.file, wandering.machine, rows)
+
+
+@pytest.mark.parametrize(("count", "by_m"), [(1, 10.0), (1, 3.0), (6, 1.0)])
+def test_a_reading_of_quite_another_place_does_not_spoil_the_fit(count, by_m):
+    """As of another reflector, or of a mirror image. Its fit would end far from every machine."""
+    recording = simulated("planar4", 40, seed=3)
+    rows = np.flatnonzero(recording["phase"] == "calibration")[7 : 7 + 11 * count : 11]
+    linear = linearise_recording(moved(recording, rows, by_m))
+    assert {reading.name for reading in linear.left_out} == set(recording["uid"][rows])
+    assert all(reading.reason == GIANT for reading in linear.left_out)
+    assert [reading.size for reading in linear.left_out] == pytest.approx([by_m] * count, rel=0.01)
+    plain = linearise_recording(recording.take(np.setdiff1d(np.arange(len(recording)), rows)))
+    np.testing.assert_allclose(linear.residual, plain.residual, atol=1e-6)

@@ -75,7 +75,7 @@ def left_by(linear: LinearModel, what: str) -> np.ndarray:
     if what == "approach":
         return context.direction[:, left] * np.exp(-way / 0.2)[context.arrival]
     (sensor, *_) = (name for name, values in context.temperatures_c.items() if np.ptp(values) > 0.3)
-    return np.asarray(context.temperatures_c[sensor])
+    return np.asarray(context.temperatures_c[sensor] - np.mean(context.temperatures_c[sensor]))
 
 
 @pytest.mark.parametrize(

@@ -20,7 +20,7 @@ from calibration.diagnosis.reading_weights import (
     weights_by_model,
 )
 from calibration.reduction.left_out import BESIDE_CAUSES
-from tests.calibration.diagnosis.campaigns import simulated
+from tests.calibration.diagnosis.campaigns import moved, simulated
 
 PLAY_M = 4.0e-5
 
@@ -59,13 +59,6 @@ def with_play(visits=80, **options):
         return off
 
     return simulated("planar4", visits, travel_m, **options)
-
-
-def moved(recording, rows, by_m):
-    """The recording with readings along the station's first axis off."""
-    position = recording.positions_m.copy()
-    position[rows, 0] += by_m
-    return replace(recording, columns=dict(recording.columns) | {"x_m": position[:, 0]})
 
 
 def rows_of_visit(linear, visit):

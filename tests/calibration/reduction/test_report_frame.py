@@ -72,3 +72,16 @@ def test_too_few_poses_or_reflectors_on_a_line_are_refused(synthetic):
     many = rig.see(rig.visits(rig.workspace(10), np.zeros(10)))
     with pytest.raises(InputError, match="on a line"):
         fit_report_frame(line, many, rig.rough)
+
+
+def test_single_readings_of_quite_another_place_are_passed_over(synthetic):
+    rig = synthetic(4)
+    seen = rig.see(rig.visits(rig.workspace(40), np.zeros(40)))
+    rows, position = [3, 60], seen.position_m.copy()
+    position[rows] += np.array([[10.0, 0.0, 0.0], [0.0, 3.0, 0.0]])
+    spoiled = ReflectorObservations(seen.visits, seen.visit, seen.smr, position, seen.covariance_m2)
+    keep = np.setdiff1d(np.arange(len(seen.smr)), rows)
+    report = fit_report_frame(rig.machine, spoiled, rig.rough)
+    without = fit_report_frame(rig.machine, seen.take(keep), rig.rough)
+    np.testing.assert_allclose(report.frame.rotation, without.frame.rotation, atol=1e-9)
+    np.testing.assert_allclose(report.mounting_m, without.mounting_m, atol=1e-9)

@@ -36,9 +36,12 @@ def own_sigmas(distance: Array, width: int, kind: NDArray[np.intp]) -> Array:
     return out
 
 
-def are_elsewhere(miss_m: Array) -> NDArray[np.bool_]:
+def are_elsewhere(miss_m: Array, *, spoiled: bool = False) -> NDArray[np.bool_]:
     """Which readings (n,) miss their expected places by so much (n,) more than most do that the station must have seen
     another reflector, or a mirror image. None where these are many: then something else is wrong.
+
+    spoiled: those readings had a part in what is expected, so only the worst are told, after which the others may fit.
     """
-    out = miss_m > max(ELSEWHERE_TIMES * float(np.median(miss_m)), ELSEWHERE_M)
+    limit_m = max(ELSEWHERE_TIMES * float(np.median(miss_m)), ELSEWHERE_M)
+    out = miss_m > (max(limit_m, 0.5 * float(np.max(miss_m))) if spoiled else limit_m)
     return np.asarray(out if np.mean(out) < MOST_ELSEWHERE else np.zeros_like(out))

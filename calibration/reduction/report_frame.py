@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.frame import Frame
-from calibration.base.outliers import are_elsewhere
+from calibration.base.outliers import MOST_ELSEWHERE, are_elsewhere
 from calibration.base.rotation import rotation_matrix, rotation_vector, skew
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.machine.description import Machine
@@ -132,10 +132,11 @@ def fit_report_frame(machine: Machine, observations: ReflectorObservations, star
     while True:
         # Rotation and translation of a frame 3 m away are strongly correlated: exact derivatives, tight limits.
         values = least_squares(residual, values, jac=jacobian, method="lm", xtol=1e-14, ftol=1e-14, gtol=1e-14).x
-        elsewhere = are_elsewhere(np.linalg.norm(miss_m(values), axis=1))
-        if not np.any(elsewhere & keep):
+        fitting = np.flatnonzero(keep)
+        elsewhere = are_elsewhere(np.linalg.norm(miss_m(values)[fitting], axis=1), spoiled=True)
+        if not np.any(elsewhere) or np.mean(keep) < 1.0 - MOST_ELSEWHERE:
             break
-        keep &= ~elsewhere
+        keep[fitting[elsewhere]] = False
     frame, mounting = unpack(values)
     off = np.linalg.norm(mounting - nominal, axis=1)
     if np.max(off) > MAX_MISS_TOLERANCES * machine.file.tolerances.smr_position_m:

@@ -51,7 +51,7 @@ def run_diagnosis(
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Run the diagnosis, write its files to `out`/campaign, return the object of docs/reference/diagnosis.schema.json.
 
-    `add`: the rig's twin is written too; `thorough`: no search is left out to save time. Raises InputError.
+    `add`: the rig's twin is written too; `thorough`: nothing is left out to save time. Raises InputError.
     """
     catalogue = load_catalogue(tuple(effects))
     readings = drop_unclosed_readings(calibration_part(recording))

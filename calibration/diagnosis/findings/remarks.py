@@ -35,6 +35,7 @@ def remarks(
         *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
         *_cut_for_time(found),
+        *_as_many_as_are_looked_for(search_result),
     )
 
 
@@ -162,17 +163,26 @@ def _cut_for_time(found: LevelsAndCauses) -> tuple[str, ...]:
     if names := [name for name in ranked if name not in included]:
         cut.append(
             f"of {_listed(names)} neither departures from the form nor nonlinear laws nor further places were tried: "
-            f"less than {100.0 * VERDICT.refined_share:.0f} % of the strongest's log evidence"
+            f"less than {100.0 * VERDICT.refined_share:.0f} % of the strongest's log evidence (diagnose --thorough tries "
+            "them)"
         )
     if names := [name for name in search_result.not_begun_with if name not in included]:
-        cut.append(f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did")
+        cut.append(
+            f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did (diagnose "
+            "--thorough begins with these too)"
+        )
     if names := [name for name in found.left_out if name not in included]:
         cut.append(
             f"no search began with {_listed(names)}: others had taken long enough (diagnose --thorough makes these too)"
         )
-    if len(included) >= VERDICT.max_causes:
-        cut.append(f"no more than {VERDICT.max_causes} causes were looked for")
     return (f"to save time {'; '.join(cut)}",) if cut else ()
+
+
+def _as_many_as_are_looked_for(search_result: SearchResult) -> tuple[str, ...]:
+    """That there may be more causes, which no time would have found."""
+    if len({cause.effect.name for cause in search_result.causes}) < VERDICT.max_causes:
+        return ()
+    return (f"no more than {VERDICT.max_causes} causes are looked for: there may be others",)
 
 
 def _listed(names: Sequence[str]) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
-from calibration.diagnosis.findings.remarks import _cut_for_time, _of_verdict, remarks
+from calibration.diagnosis.findings.remarks import _as_many_as_are_looked_for, _cut_for_time, _of_verdict, remarks
 from calibration.diagnosis.levels_and_causes import LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linear_model import LinearModel
 from calibration.diagnosis.result import NONE, UNKNOWN
@@ -344,13 +344,23 @@ def cut_of(*, unrefined=(), not_begun_with=(), causes=("latency",), left_out=())
             {"left_out": ("payload", BY_VISIT)},
             "began with payload and effects that are another at each visit: others",
         ),
-        ({"causes": ("latency", "latency", "refraction", "payload")}, "no more than 3 causes were looked for"),
+        ({"unrefined": ("refraction",)}, "(diagnose --thorough tries them)"),
+        ({"not_begun_with": ("payload",)}, "(diagnose --thorough begins with these too)"),
     ],
 )
 def test_what_is_not_tried_to_save_time_is_said_with_its_name(cut, said):
     (remark,) = cut_of(**cut)
     assert remark.startswith("to save time ")
     assert said in remark
+
+
+@pytest.mark.parametrize(("names", "said"), [(("latency", "refraction"), 0), (("latency", "refraction", "payload"), 1)])
+def test_that_no_more_than_three_causes_are_looked_for_is_not_to_save_time(names, said):
+    """No option finds more."""
+    causes = [SimpleNamespace(effect=CATALOGUE.effect(name)) for name in (*names, names[0])]
+    remarks = _as_many_as_are_looked_for(SimpleNamespace(causes=causes))
+    assert remarks == ("no more than 3 causes are looked for: there may be others",) * said
+    assert cut_of(causes=names) == ()
 
 
 def test_what_is_not_tried_is_one_remark_and_none_where_all_was_tried():

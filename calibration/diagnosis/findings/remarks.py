@@ -163,8 +163,8 @@ def _cut_for_time(found: LevelsAndCauses) -> tuple[str, ...]:
     if names := [name for name in ranked if name not in included]:
         cut.append(
             f"of {_listed(names)} neither departures from the form nor nonlinear laws nor further places were tried: "
-            f"less than {100.0 * VERDICT.refined_share:.0f} % of the strongest's log evidence (diagnose --thorough tries "
-            "them)"
+            f"less than {100.0 * VERDICT.refined_share:.0f} % of the strongest's log evidence (diagnose --thorough "
+            "tries them)"
         )
     if names := [name for name in search_result.not_begun_with if name not in included]:
         cut.append(

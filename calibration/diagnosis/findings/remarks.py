@@ -8,7 +8,7 @@ from calibration.diagnosis.level_posterior import COLUMNS
 from calibration.diagnosis.levels_and_causes import TOLD_BY_FORM, LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.ranking import Cause
-from calibration.diagnosis.result import FEW_COORDINATES, NONE, UNKNOWN
+from calibration.diagnosis.result import FEW_COORDINATES, NONE, UNKNOWN, GapFigures
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import MIN_RATIO_TO_DECLARED
@@ -25,17 +25,31 @@ def remarks(
     found: LevelsAndCauses,
     verdict: str,
     noise_floor_m: float | None,
+    gap: GapFigures,
 ) -> tuple[str, ...]:
-    """Readings that are far off and were kept, disturbances stronger than stated, effects that are no larger than these
+    """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances stronger than stated, effects that are no larger than these
     may be, what limits the verdict, and what was not tried."""
     here, search_result = linear.levels, found.result
     return (
+        *_predicts_worse(search_result, verdict, gap),
         *_far_off(linear),
         *_stronger_disturbances(stated, here),
         *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
         *_cut_for_time(found),
         *_as_many_as_are_looked_for(search_result),
+    )
+
+
+def _predicts_worse(search_result: SearchResult, verdict: str, gap: GapFigures) -> tuple[str, ...]:
+    """That what was found explains the readings it was fitted to, and no others."""
+    if verdict in (NONE, UNKNOWN) or not gap.grows:
+        return ()
+    names = list(dict.fromkeys(cause.effect.name for cause in search_result.causes))
+    return (
+        f"with {_listed(names)} withheld readings are predicted worse than without, from a gap of "
+        f"{1e6 * gap.before_m:.1f} to {1e6 * gap.after_m:.1f} um: do not add {'them' if len(names) > 1 else 'it'} to "
+        "the model",
     )
 
 

@@ -19,6 +19,7 @@ from calibration.diagnosis.findings.withheld_blocks import (
     withheld_differences,
 )
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording, scatter_over_visits
+from calibration.diagnosis.result import GapFigures
 from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 
 
@@ -203,6 +204,13 @@ def test_the_noise_floor_is_the_scatter_at_a_target_that_is_visited_again(small)
     assert again.repeatability_m() == pytest.approx(np.sqrt(square / freedom), rel=1e-6)
     conditions = replace(context, payload_kg=np.where(small.visit >= 0, small.visit // (2 * (visits // 5)), 0.0))
     assert replace(again, context=conditions).repeatability_m() is None
+
+
+@pytest.mark.parametrize(("before_m", "shrink"), [(3e-6, 0.0), (0.0, np.nan)])
+def test_without_an_effect_nothing_shrinks_and_the_shrink_of_no_gap_is_none(before_m, shrink):
+    gap = GapFigures(before_m, 1e-6, 5e-6, 0.7, (0.6, 0.8), "regions").without_effect()
+    assert gap.after_m == before_m
+    assert (gap.shrink, *gap.shrink_interval) == pytest.approx((shrink,) * 3, nan_ok=True)
 
 
 @pytest.mark.parametrize("readings", [1, 2, 3])

@@ -89,6 +89,7 @@ class LengthEntry(Section):
         return CertifiedLength(self.nests, self.value_m, self.u_m)
 
 
+MOST_SPEED_M_PER_S, MOST_DWELL_S = 2.0, 600.0  # that a rig may be asked for; of recordings that others made it is more
 MOST_LEVEL_M, MOST_LEVEL_K = 1.0e-3, 5.0  # beyond these a level is in another unit, and would hide every effect
 
 

@@ -27,8 +27,9 @@ def remarks(
     noise_floor_m: float | None,
     gap: GapFigures,
 ) -> tuple[str, ...]:
-    """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances stronger than stated, effects that are no larger than these
-    may be, what limits the verdict, and what was not tried."""
+    """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances
+    stronger than stated, effects that are no larger than these may be, what limits the verdict, and what was not
+    tried."""
     here, search_result = linear.levels, found.result
     return (
         *_predicts_worse(search_result, verdict, gap),

@@ -207,7 +207,7 @@ def _diagnose_with_models(
         withheld=_withheld(linear, before, after),
         visits=_visit_gaps(linear, field),
         spectra=spectra(likelihood, by_drive),
-        remarks=remarks(linear, stated, found, verdict, noise_floor_m),
+        remarks=remarks(linear, stated, found, verdict, noise_floor_m, gap),
         evidence=kept_evidence(search_result, found.none_elsewhere),
         left_out=linear.left_out,
     )

@@ -175,23 +175,35 @@ class LinearModel(LinearisedReadings):
     def repeatability_m(self) -> float | None:
         """RMS scatter of the platform's reflectors over visits of one target, approach and payload.
 
-        In the machine's frame, per moving coordinate, at rest; None if no target was visited LEAST_REPEATED times under
-        the same conditions.
+        In the machine's frame, per moving coordinate, at rest, of the mean of what was read of a reflector at a visit;
+        None if no target was visited LEAST_REPEATED times under the same conditions.
         """
         context, moves = self.context, self.moves
         rows = np.flatnonzero(self.on_platform & ~context.moving)
         position_m = ((self.position_m[rows] - self.frame.translation_m) @ self.frame.rotation)[:, moves]
         target = np.round(self.poses.visits.target_m[self.visit[rows]], 7)
         conditions = np.column_stack([target, context.direction[rows], context.payload_kg[rows], self.smr[rows]])
-        group = np.unique(conditions, axis=0, return_inverse=True)[1].ravel()
-        visits = np.bincount(group)
-        repeated = visits[group] >= LEAST_REPEATED
-        if not np.any(repeated):
-            return None
-        mean = np.stack([np.bincount(group, x) for x in position_m.T], axis=1) / visits[:, None]
-        square = float(np.sum((position_m - mean[group])[repeated] ** 2))
-        degrees_of_freedom = int(np.sum(visits[visits >= LEAST_REPEATED] - 1)) * len(moves)
-        return float(np.sqrt(square / degrees_of_freedom))
+        return scatter_over_visits(position_m, conditions, self.visit[rows])
+
+
+def scatter_over_visits(position_m: Array, conditions: Array, visit: NDArray[np.intp]) -> float | None:
+    """RMS scatter, per coordinate, of the means of visits under equal conditions (r, k); None if no conditions are
+    those of LEAST_REPEATED visits. position_m (r, c), visit (r,): of each reading, several at a visit being one."""
+    _, first, of_visit = np.unique(np.column_stack([conditions, visit]), axis=0, return_index=True, return_inverse=True)
+    position_m = _means(position_m, of_visit.ravel())
+    group = np.unique(conditions[first], axis=0, return_inverse=True)[1].ravel()
+    visits = np.bincount(group)
+    repeated = visits[group] >= LEAST_REPEATED
+    if not np.any(repeated):
+        return None
+    square = float(np.sum((position_m - _means(position_m, group)[group])[repeated] ** 2))
+    degrees_of_freedom = int(np.sum(visits[visits >= LEAST_REPEATED] - 1)) * position_m.shape[1]
+    return float(np.sqrt(square / degrees_of_freedom))
+
+
+def _means(values: Array, group: NDArray[np.intp]) -> Array:
+    """Means (g, c) of the values (r, c) of each group (r,)."""
+    return np.stack([np.bincount(group, x) for x in values.T], axis=1) / np.bincount(group)[:, None]
 
 
 def require_recording(linear: LinearisedReadings) -> LinearModel:

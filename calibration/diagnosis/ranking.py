@@ -83,11 +83,13 @@ def rank_effects(
     *,
     by_visit: bool = False,
     explained: float = 0.0,
+    thorough: bool = False,
 ) -> list[Cause]:
     """All effects, the most likely first; those without a basis set at any place are left out.
 
     by_visit: whether effects may be others at each visit, where they are of that kind. explained: log evidence of the
-    causes in the model, of which a further one must add a share: what is far from it is not refined.
+    causes in the model, of which a further one must add a share: what is far from it is not refined. thorough: whether
+    to refine, however long that takes, all that would be enough for a cause.
     """
     by_effect = [
         (effect, places)
@@ -104,7 +106,7 @@ def rank_effects(
         alike = _alike(likelihood, inputs, effect, places, max(VERDICT.detection_threshold, ALIKE_SHARE * strongest))
         # Where a nonlinear law leads, the basis sets of another one say little of what its curve explains.
         rival = law_leads and bool(effect.curves_at(inputs, 0))
-        least = VERDICT.detection_threshold if rival else threshold
+        least = VERDICT.detection_threshold if rival or thorough else threshold
         if _may_be_anew(effect, by_visit=by_visit) and not explained:
             least = -math.inf
         if (log_evidence := total_log_evidence(places)) <= least:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
@@ -98,9 +99,15 @@ class GapFigures:
     shrink_interval: tuple[float, float]
     withheld: str
 
+    @property
+    def grows(self) -> bool:
+        """Whether withheld readings are predicted worse with the effects than without."""
+        return self.shrink < 0.0 or self.shrink_interval[1] < 0.0
+
     def without_effect(self) -> GapFigures:
-        """The figures if no effect is added: after equals before, and nothing shrinks."""
-        return replace(self, after_m=self.before_m, shrink=0.0, shrink_interval=(0.0, 0.0))
+        """The figures if no effect is added: after equals before, and nothing shrinks; of no gap that is undefined."""
+        shrink = 0.0 if self.before_m > 0.0 else math.nan
+        return replace(self, after_m=self.before_m, shrink=shrink, shrink_interval=(shrink, shrink))
 
 
 @dataclass(frozen=True)

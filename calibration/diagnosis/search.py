@@ -74,7 +74,7 @@ def search_causes(
     no effect explains otherwise, or several do only together. budget: of all searches in the same readings.
     """
     budget = budget or SearchBudget()
-    alone = rank_effects(likelihood, inputs, effects)
+    alone = rank_effects(likelihood, inputs, effects, thorough=budget.thorough)
     found = _search(likelihood, inputs, effects, alone, budget, by_visit=False)
     if not (something_is_left(found) or found.has_several_effects) or budget.is_in_vain(BY_VISIT):
         return found
@@ -100,7 +100,7 @@ def _search_by_visit(
     """What was found, or what explains more with effects that are another at each visit. That is looked for in any case
     where one of these alone explains more than what was found together with any function beside it."""
     differing = [effect for effect in effects if effect.differs_by_visit]
-    ranked = rank_effects(likelihood, inputs, differing, by_visit=True)
+    ranked = rank_effects(likelihood, inputs, differing, by_visit=True, thorough=budget.thorough)
     if not ranked or not differs_by_visit(ranked[0]) or ranked[0].log_evidence < alone[0].log_evidence:
         return found
     explains_most = ranked[0].log_evidence > found.log_evidence + found.excess_log_evidence
@@ -196,7 +196,7 @@ def _search(
             worth = much_is_left and share > VERDICT.leaders_share_if_much_is_left and budget.has_room_for_weak(work)
             if (weak and not worth) or (leaders is not None and leader.effect.name not in leaders):
                 continue
-            if place > VERDICT.leaders and leader.effect.name not in later:
+            if place > VERDICT.leaders and leader.effect.name not in later and not budget.thorough:
                 not_begun_with.append(leader.effect.name)
                 continue
             if not budget.allows(leader.effect.name, work):
@@ -276,7 +276,9 @@ def _include_from(
         if nothing_left or len(found.causes) == VERDICT.max_causes:
             break
         by_visit = by_visit and _has_room_for_visits(inputs, found.causes)
-        ranked = rank_effects(given, inputs, effects, by_visit=by_visit, explained=log_evidence)
+        ranked = rank_effects(
+            given, inputs, effects, by_visit=by_visit, explained=log_evidence, thorough=budget.thorough
+        )
     return found
 
 

@@ -5,6 +5,7 @@ Work is counted, not timed: the same recording has the same diagnosis on any com
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection
 
 from calibration.diagnosis.settings import VERDICT
@@ -20,13 +21,19 @@ class SearchBudget:
 
     found: those that have found something in the same readings, with other weights: they are made again in any case.
     left_out: those that were not made since there had been work enough; one with BY_VISIT that explains most is made
-    without being asked for. limit, spent: in readings times columns.
+    without being asked for. limit, spent: in readings times columns; an infinite limit leaves out nothing (`thorough`).
     """
 
     def __init__(self, *, found: Collection[str] = (), limit: float = VERDICT.search_work) -> None:
         self.limit, self.spent = limit, 0.0
         self.left_out: dict[str, None] = {}
         self._found, self._in_vain = frozenset(found), set[str]()
+
+    @property
+    def thorough(self) -> bool:
+        """Whether nothing is left out to save time: no effect that would be enough for a cause goes unrefined either,
+        and searches begin with every effect that explains enough."""
+        return math.isinf(self.limit)
 
     @staticmethod
     def work(readings: int, columns: int) -> float:

@@ -103,6 +103,8 @@ class Column:
         self._refuse(~np.isfinite(values) & ~missing, "is not finite; remove the row")
         if self.kind == "count":
             self._refuse((np.abs(values) > LARGEST_COUNT) | (values % 1.0 != 0.0), "is not a count")
+        if self.lowest == 0.0:
+            self._refuse(values < 0.0, "is negative; correct it, or put 0 where nobody recorded it")
         outside = np.flatnonzero((values < self.lowest) | (values > self.largest))
         if outside.size:
             value = values[outside[0]]
@@ -122,10 +124,10 @@ def _count(name: str, meaning: str, lowest: float = -LARGEST_COUNT) -> Column:
     return Column(name, "count", meaning, lowest=lowest, largest=LARGEST_COUNT)
 
 
-def _number(name: str, meaning: str) -> Column:
+def _number(name: str, meaning: str, lowest: float = -math.inf) -> Column:
     """A number in the unit that its name ends in, if it ends in one."""
     unit = unit_of(name) or Unit("")
-    return Column(name, "number", meaning, unit.symbol, -unit.largest, unit.largest)
+    return Column(name, "number", meaning, unit.symbol, max(lowest, -unit.largest), unit.largest)
 
 
 def rotary_quantity(name: str) -> str:
@@ -171,8 +173,8 @@ COLUMNS: tuple[Column, ...] = (
     _number("target_rx_rad", "Commanded rotation vector: x."),
     _number("target_ry_rad", "Commanded rotation vector: y."),
     _number("target_rz_rad", "Commanded rotation vector: z."),
-    _number("speed_m_per_s", "Speed of the approach."),
-    _number("dwell_s", "Rig time since the target was reached."),
+    _number("speed_m_per_s", "Speed of the approach.", lowest=0.0),
+    _number("dwell_s", "Rig time since the target was reached.", lowest=0.0),
     _number("air_temperature_c", "Temperature of the air."),
     _number("pressure_hpa", "Pressure of the air."),
     _number("humidity_percent", "Relative humidity of the air."),

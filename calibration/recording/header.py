@@ -30,21 +30,32 @@ STORE_FILES = ("pkm-rig.", "pkm-rig-schema-")  # a campaign has a folder of its 
 CampaignId = Annotated[Name, AfterValidator(_check_campaign)]
 
 
+# No instrument that measures is worse than this: what is beyond was written in another unit, and what is as good as
+# unknown makes the equations singular.
+MOST_SD_RAD, MOST_SD_M, MOST_SCALE = 0.01, 0.1, 0.01
+MOST_DISTANCE_M, MOST_ANGLE_RAD = 1.0e3, 100.0  # as of the readings
+Coordinate = Annotated[float, Field(ge=-MOST_DISTANCE_M, le=MOST_DISTANCE_M)]
+
+
 class AccuracyEntry(Section):
     """What is stated of the station: standard deviations of a reading, standard uncertainty of its ranges."""
 
-    angle_sd_rad: float = Field(gt=0.0, description="Standard deviation of an angle.")
-    range_sd_m: float = Field(gt=0.0, description="Standard deviation of a distance.")
-    range_constant_u_m: float = Field(gt=0.0, description="Standard uncertainty of the constant of all distances.")
-    range_scale_u: float = Field(ge=0.0, description="Standard uncertainty of the scale of all distances.")
+    angle_sd_rad: float = Field(gt=0.0, le=MOST_SD_RAD, description="Standard deviation of an angle.")
+    range_sd_m: float = Field(gt=0.0, le=MOST_SD_M, description="Standard deviation of a distance.")
+    range_constant_u_m: float = Field(
+        gt=0.0, le=MOST_SD_M, description="Standard uncertainty of the constant of all distances."
+    )
+    range_scale_u: float = Field(
+        ge=0.0, le=MOST_SCALE, description="Standard uncertainty of the scale of all distances."
+    )
     drift_rad_per_sqrt_h: float = Field(
-        gt=0.0, default=3.0e-6, description="Drift of the frame's direction, as a random walk."
+        gt=0.0, le=MOST_SD_RAD, default=3.0e-6, description="Drift of the frame's direction, as a random walk."
     )
     drift_of_level_rad_per_sqrt_h: float = Field(
-        gt=0.0, default=1.0e-6, description="Drift of the frame's level, as a random walk."
+        gt=0.0, le=MOST_SD_RAD, default=1.0e-6, description="Drift of the frame's level, as a random walk."
     )
     drift_m_per_sqrt_h: float = Field(
-        gt=0.0, default=1.0e-5, description="Drift of the frame's origin, as a random walk."
+        gt=0.0, le=MOST_SD_M, default=1.0e-5, description="Drift of the frame's origin, as a random walk."
     )
 
     def to_station_accuracy(self) -> StationAccuracy:
@@ -56,9 +67,12 @@ class StationEntry(Section):
     """The station: its rough place in the machine frame, its heading and its accuracy."""
 
     name: Label = Field(default="station", description="Name, for reports.")
-    position_m: tuple[float, float, float] = Field(description="Rough position in the machine frame.")
+    position_m: tuple[Coordinate, Coordinate, Coordinate] = Field(description="Rough position in the machine frame.")
     heading_rad: float = Field(
-        default=0.0, description="Rough heading: 0 looks along -z of the machine, positive clockwise from above."
+        ge=-MOST_ANGLE_RAD,
+        le=MOST_ANGLE_RAD,
+        default=0.0,
+        description="Rough heading: 0 looks along -z of the machine, positive clockwise from above.",
     )
     accuracy: AccuracyEntry = Field(description="Stated accuracy.")
 
@@ -67,14 +81,15 @@ class LengthEntry(Section):
     """A certified distance between two floor nests."""
 
     nests: tuple[str, str] = Field(description="The two nests.")
-    value_m: float = Field(gt=0.0, description="Certified distance.")
-    u_m: float = Field(gt=0.0, description="Its standard uncertainty.")
+    value_m: float = Field(gt=0.0, le=MOST_DISTANCE_M, description="Certified distance.")
+    u_m: float = Field(gt=0.0, le=MOST_SD_M, description="Its standard uncertainty.")
 
     def to_certified_length(self) -> CertifiedLength:
         """For computation."""
         return CertifiedLength(self.nests, self.value_m, self.u_m)
 
 
+MOST_SPEED_M_PER_S, MOST_DWELL_S = 2.0, 600.0  # that a rig may be asked for; of recordings that others made it is more
 MOST_LEVEL_M, MOST_LEVEL_K = 1.0e-3, 5.0  # beyond these a level is in another unit, and would hide every effect
 
 

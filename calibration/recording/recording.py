@@ -87,6 +87,17 @@ class Recording:
         """Part temperatures by sensor, (r,) each."""
         return {name: self[f"{name}_temperature_c"] for name in self.file.sensors}
 
+    def temperatures_of_parts_c(self) -> dict[str, Array]:
+        """The same, if every part of the machine has its own. Raises InputError, naming the column that is missing."""
+        for part, sensor in self.machine.sensors.items():
+            if sensor not in self.file.sensors:
+                raise _input_error(
+                    self,
+                    f"no column '{sensor}_temperature_c', by which the machine file has part '{part}' expand; add it "
+                    f"and list '{sensor}' in 'sensors' of recording.toml, or give [expansion.{part}] another sensor",
+                )
+        return self.temperatures_c()
+
     def targets_m(self) -> Array:
         """Commanded poses (r, 6)."""
         names = ("target_x_m", "target_y_m", "target_z_m", "target_rx_rad", "target_ry_rad", "target_rz_rad")
@@ -129,7 +140,7 @@ def make_recording(file: RecordingFile, machine: Machine, rows: Sequence[Mapping
             column.check(columns[column.name])
         except InputError as error:
             raise _input_error(recording, str(error)) from None
-    for check in (_check_geometry, _check_names, _check_setups):
+    for check in (_check_geometry, _check_names, _check_setups, _check_times):
         check(recording)
     return recording
 
@@ -161,6 +172,17 @@ def _check_setups(recording: Recording) -> None:
     if twice.size:
         visit = int(pairs[twice[0], 0])
         raise _input_error(recording, f"visit {visit} has readings of two set-ups (station); number its visits apart")
+
+
+def _check_times(recording: Recording) -> None:
+    """Visits follow one another: where all are of one moment, the station's drift, which grows with time, would be
+    taken for an effect."""
+    t, visit = recording["t_rig_s"], recording["visit"]
+    if np.ptp(t) == 0.0 and np.ptp(visit) > 0.0:
+        raise _input_error(
+            recording,
+            f"column 't_rig_s' is {t[0]:g} in every row, but the readings are of several visits; give the time of each",
+        )
 
 
 def _check_names(recording: Recording) -> None:

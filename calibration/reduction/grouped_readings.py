@@ -51,7 +51,7 @@ def group_by_visit(
         target_m=recording.targets_m()[heads],
         payload_kg=recording["payload_mass_kg"][heads],
         payload_com_m=recording.payload_com_m()[heads],
-        temperatures_c={name: mean_by_visit(t[rows], visit) for name, t in recording.temperatures_c().items()},
+        temperatures_c={name: mean_by_visit(t[rows], visit) for name, t in recording.temperatures_of_parts_c().items()},
     )
     smr = reflector_indices(recording)[rows]
     position = position_m[rows] - _moved_by_drives(recording, visits, visit, smr, drives)

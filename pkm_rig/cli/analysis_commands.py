@@ -75,7 +75,7 @@ def diagnose(
         ),
     ] = False,
     thorough: Annotated[
-        bool, typer.Option("--thorough", help="leave out no search to save time; may take minutes")
+        bool, typer.Option("--thorough", help="leave out nothing to save time; may take minutes")
     ] = False,
     by_sequence: SequenceOption = False,
     all_campaigns: AllOption = False,

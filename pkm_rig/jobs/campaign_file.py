@@ -4,7 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
+
+from pydantic import ValidationError
 
 from calibration.base.toml_text import to_toml
 from calibration.diagnosis.result import CampaignAddition, ProposedVisit
@@ -56,10 +59,31 @@ def write_campaign_files(
     campaign: str,
     folder: Path,
 ) -> dict[str, str | None]:
-    """As `write_candidates`, for `pkm-rig measure --campaign`."""
+    """As `write_candidates`, for `pkm-rig measure --campaign`; None also for those that no such file may hold."""
+    refused = _unwritable(candidates, machine)
+    written = [replace(c, visits=()) if c.name in refused else c for c in candidates]
     return write_candidates(
-        candidates, folder, "toml", lambda candidate: campaign_text(candidate, machine, payloads, campaign)
+        written, folder, "toml", lambda candidate: campaign_text(candidate, machine, payloads, campaign)
     )
+
+
+def remarks_on_unwritable(candidates: Sequence[CampaignAddition], machine: Machine) -> tuple[str, ...]:
+    """Why candidates have no campaign file, a line each."""
+    return tuple(f"no campaign file for '{name}': {why}" for name, why in _unwritable(candidates, machine).items())
+
+
+def _unwritable(candidates: Sequence[CampaignAddition], machine: Machine) -> dict[str, str]:
+    """Candidates whose visits are none that a rig may be asked for, name to why. The diagnosis is good without them."""
+    out = {}
+    for candidate in candidates:
+        try:
+            for visit in candidate.visits:
+                _entry(visit, machine)
+        except ValidationError as error:
+            first = error.errors()[0]
+            key = ".".join(str(part) for part in first["loc"])
+            out[candidate.name] = _one_line(f"{key} = {str(first['input'])[:40]}: {first['msg']}")
+    return out
 
 
 def write_candidates(

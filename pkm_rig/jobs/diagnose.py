@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +26,7 @@ from calibration.identification.calibration import calibration_part
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 from calibration.reduction.nest_checks import drop_unclosed_readings
-from pkm_rig.jobs.campaign_file import write_campaign_files
+from pkm_rig.jobs.campaign_file import remarks_on_unwritable, write_campaign_files
 from pkm_rig.jobs.visit_file import write_visit_files
 from pkm_rig.report import diagnosis_pictures
 from pkm_rig.report.diagnosis_json import additions_by_gain, diagnosis_json, gap_json
@@ -51,7 +52,7 @@ def run_diagnosis(
 ) -> tuple[Diagnosis, dict[str, Any]]:
     """Run the diagnosis, write its files to `out`/campaign, return the object of docs/reference/diagnosis.schema.json.
 
-    `add`: the rig's twin is written too; `thorough`: no search is left out to save time. Raises InputError.
+    `add`: the rig's twin is written too; `thorough`: nothing is left out to save time. Raises InputError.
     """
     catalogue = load_catalogue(tuple(effects))
     readings = drop_unclosed_readings(calibration_part(recording))
@@ -63,9 +64,12 @@ def run_diagnosis(
         else:
             diagnosis = diagnose(readings, catalogue, work=_work(thorough=thorough))
     simulated = readings.file.simulated
+    candidates = additions_by_gain(diagnosis)
+    unwritable = remarks_on_unwritable(candidates, readings.machine)
+    diagnosis = replace(diagnosis, remarks=(*diagnosis.remarks, *unwritable))
     with _writing(out, diagnosis.campaign) as folder:
         files = write_campaign_files(
-            additions_by_gain(diagnosis),
+            candidates,
             readings.machine,
             readings.file.payloads,
             diagnosis.campaign,

@@ -55,6 +55,10 @@ def one_line_summary(diagnosis: Diagnosis) -> str:
         return f"unknown effect: the gap has structure that no effect of the catalogue explains{clue}; {fall}"
     alike = f" (or {', '.join(diagnosis.equivalent)}: not told apart)" if diagnosis.equivalent else ""
     causes = " and ".join(describe_effect(effect) for effect in diagnosis.effects) or diagnosis.verdict
+    if gap.grows:
+        it = "it" if len(diagnosis.effects) < 2 else "them"
+        grows = f"gap {length(gap.before_m)} to {length(gap.after_m)}: do not add {it} to the model"
+        return f"{causes}{alike}; but with {it} withheld data are predicted worse, {grows}"
     low, high = diagnosis.gap.shrink_interval
     falls = f"gap {length(gap.before_m)} to {length(gap.after_m)} on withheld data, shrink {percent(gap.shrink)}"
     return f"{causes}{alike}; {falls} (95 %: {percent(low)} to {percent(high)})"

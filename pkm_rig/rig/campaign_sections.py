@@ -8,9 +8,10 @@ from pydantic import Field, model_validator
 
 from calibration.base.toml_file import Section
 from calibration.compensation.grid import GRID_MARGIN_M
+from calibration.recording.header import MOST_DWELL_S, MOST_SPEED_M_PER_S
 
-Speed = Annotated[float, Field(gt=0.0, le=2.0)]
-Dwell = Annotated[float, Field(ge=0.0, le=600.0)]
+Speed = Annotated[float, Field(gt=0.0, le=MOST_SPEED_M_PER_S)]
+Dwell = Annotated[float, Field(ge=0.0, le=MOST_DWELL_S)]
 Limit = Annotated[float, Field(gt=0.0)]
 MadeFor = Literal["ISO 230-2 x", "ISO 230-2 y", "ISO 230-2 z", "ISO 9283"]
 PayloadNumber = Annotated[int, Field(ge=0)]

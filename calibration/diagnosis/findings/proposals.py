@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,12 +13,14 @@ from calibration.base.arrays import Array
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.result import ProposedVisit
 from calibration.machine.description import Machine
+from calibration.recording.header import MOST_DWELL_S, MOST_SPEED_M_PER_S
 
 VISITS = 60  # of each proposal
 SEED = 4  # of the poses, so that repeated diagnoses agree
 DWELLS_S = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 CONDITIONS = ("direction", "dwell_s", "speed_m_per_s")
 SPEED_FACTORS = (0.4, 1.0, 2.0)
+NUMBERS = {1: "one speed", 2: "two speeds", 3: "three speeds"}
 EXCHANGE_S, SET_UP_S = 300.0, 1800.0  # rough durations: exchange of a payload; station, nests and warming up
 
 
@@ -32,23 +35,36 @@ class Proposal:
 
 @dataclass(frozen=True)
 class _Usual:
-    """How the campaign's visits were measured: approach, speed and dwell of most, number of the median payload."""
+    """How the campaign's visits were measured: approach, speed and dwell of most, number of the median payload.
+
+    Of a recording speed and dwell are no more than a campaign file may ask for; slower, shorter: in words, where they
+    were more, else empty.
+    """
 
     direction: tuple[int, ...]
     speed_m_per_s: float
     dwell_s: float
     payload: int
+    speeds_m_per_s: tuple[float, ...]
+    slower: str
+    shorter: str
 
     @classmethod
     def of(cls, linear: LinearisedReadings) -> _Usual:
         """Of the readings at poses."""
         context, on_pose = linear.context, linear.visit >= 0
         side = np.sign(context.direction[on_pose].mean(axis=0) + 1e-9)
+        fastest, longest_s = (MOST_SPEED_M_PER_S, MOST_DWELL_S) if linear.by_station else (math.inf, math.inf)
+        speed, dwell_s = float(np.median(context.speed_m_per_s[on_pose])), _median_dwell_s(linear)
+        usual = min(speed, fastest)
         return cls(
             direction=tuple(int(s) for s in np.where(side == 0.0, 1.0, side)),
-            speed_m_per_s=float(np.median(context.speed_m_per_s[on_pose])),
-            dwell_s=_median_dwell_s(linear),
+            speed_m_per_s=usual,
+            dwell_s=min(dwell_s, longest_s),
             payload=int(np.median(linear.load)),
+            speeds_m_per_s=tuple(dict.fromkeys(min(factor * usual, fastest) for factor in SPEED_FACTORS)),
+            slower=f", {fastest:g} m/s where it was faster" if speed > fastest else "",
+            shorter=f", {longest_s:g} s of rest where it was longer" if dwell_s > longest_s else "",
         )
 
 
@@ -62,7 +78,8 @@ def proposals(linear: LinearisedReadings) -> Iterator[Proposal]:
     usual = _Usual.of(linear)
     heaviest = int(np.argmax([load.mass_kg for load in linear.loads]))
     said = {field for field in CONDITIONS if field not in linear.context.missing}
-    speeds = tuple(factor * usual.speed_m_per_s for factor in SPEED_FACTORS)
+    speeds, as_far = usual.speeds_m_per_s, usual.slower + usual.shorter
+    rest_and_speeds = f"rests from 0.5 to 16 s, {NUMBERS[len(speeds)]}{usual.slower}"
 
     def visits(
         *, sides: bool = False, dwells: bool = False, speed: bool = False, loads: bool = False
@@ -76,23 +93,23 @@ def proposals(linear: LinearisedReadings) -> Iterator[Proposal]:
             out.append(ProposedVisit(tuple(float(x) for x in pose), direction, payload, speed_m_per_s, dwell_s))
         return tuple(out)
 
-    yield Proposal("random poses", "poses off the campaign's, as it was measured", visits())
+    yield Proposal("random poses", f"poses off the campaign's, as it was measured{as_far}", visits())
     rests = {"dwell_s", "speed_m_per_s"} <= said
     if "direction" in said:
-        yield Proposal("both directions", "random poses, approached from either side", visits(sides=True))
+        yield Proposal("both directions", f"random poses, approached from either side{as_far}", visits(sides=True))
     if rests:
-        adds = "random poses, rests from 0.5 to 16 s, three speeds"
-        yield Proposal("varied rest", adds, visits(dwells=True, speed=True))
+        yield Proposal("varied rest", f"random poses, {rest_and_speeds}", visits(dwells=True, speed=True))
     if rests and "direction" in said:
         yield Proposal(
-            "directions and rest", "either side, rests from 0.5 to 16 s, three speeds",
+            "directions and rest", f"either side, {rest_and_speeds}",
             visits(sides=True, dwells=True, speed=True),
         )  # fmt: skip
     if heaviest != usual.payload:
-        yield Proposal("another payload", "random poses, half of them with the heaviest payload", visits(loads=True))
+        adds = f"random poses, half of them with the heaviest payload{as_far}"
+        yield Proposal("another payload", adds, visits(loads=True))
     if heaviest != usual.payload and rests and "direction" in said:
         yield Proposal(
-            "everything varied", "either side, varied rest and speed, half with the heaviest payload",
+            "everything varied", f"either side, varied rest and speed, half with the heaviest payload{usual.slower}",
             visits(sides=True, dwells=True, speed=True, loads=True),
         )  # fmt: skip
 

@@ -8,7 +8,7 @@ from calibration.diagnosis.level_posterior import COLUMNS
 from calibration.diagnosis.levels_and_causes import TOLD_BY_FORM, LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.ranking import Cause
-from calibration.diagnosis.result import FEW_COORDINATES, NONE, UNKNOWN
+from calibration.diagnosis.result import FEW_COORDINATES, NONE, UNKNOWN, GapFigures
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import MIN_RATIO_TO_DECLARED
@@ -25,16 +25,32 @@ def remarks(
     found: LevelsAndCauses,
     verdict: str,
     noise_floor_m: float | None,
+    gap: GapFigures,
 ) -> tuple[str, ...]:
-    """Readings that are far off and were kept, disturbances stronger than stated, effects that are no larger than these
-    may be, what limits the verdict, and what was not tried."""
+    """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances
+    stronger than stated, effects that are no larger than these may be, what limits the verdict, and what was not
+    tried."""
     here, search_result = linear.levels, found.result
     return (
+        *_predicts_worse(search_result, verdict, gap),
         *_far_off(linear),
         *_stronger_disturbances(stated, here),
         *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
         *_cut_for_time(found),
+        *_as_many_as_are_looked_for(search_result),
+    )
+
+
+def _predicts_worse(search_result: SearchResult, verdict: str, gap: GapFigures) -> tuple[str, ...]:
+    """That what was found explains the readings it was fitted to, and no others."""
+    if verdict in (NONE, UNKNOWN) or not gap.grows:
+        return ()
+    names = list(dict.fromkeys(cause.effect.name for cause in search_result.causes))
+    return (
+        f"with {_listed(names)} withheld readings are predicted worse than without, from a gap of "
+        f"{1e6 * gap.before_m:.1f} to {1e6 * gap.after_m:.1f} um: do not add {'them' if len(names) > 1 else 'it'} to "
+        "the model",
     )
 
 
@@ -162,17 +178,26 @@ def _cut_for_time(found: LevelsAndCauses) -> tuple[str, ...]:
     if names := [name for name in ranked if name not in included]:
         cut.append(
             f"of {_listed(names)} neither departures from the form nor nonlinear laws nor further places were tried: "
-            f"less than {100.0 * VERDICT.refined_share:.0f} % of the strongest's log evidence"
+            f"less than {100.0 * VERDICT.refined_share:.0f} % of the strongest's log evidence (diagnose --thorough "
+            "tries them)"
         )
     if names := [name for name in search_result.not_begun_with if name not in included]:
-        cut.append(f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did")
+        cut.append(
+            f"no search for several causes began with {_listed(names)}: {VERDICT.leaders} stronger ones did (diagnose "
+            "--thorough begins with these too)"
+        )
     if names := [name for name in found.left_out if name not in included]:
         cut.append(
             f"no search began with {_listed(names)}: others had taken long enough (diagnose --thorough makes these too)"
         )
-    if len(included) >= VERDICT.max_causes:
-        cut.append(f"no more than {VERDICT.max_causes} causes were looked for")
     return (f"to save time {'; '.join(cut)}",) if cut else ()
+
+
+def _as_many_as_are_looked_for(search_result: SearchResult) -> tuple[str, ...]:
+    """That there may be more causes, which no time would have found."""
+    if len({cause.effect.name for cause in search_result.causes}) < VERDICT.max_causes:
+        return ()
+    return (f"no more than {VERDICT.max_causes} causes are looked for: there may be others",)
 
 
 def _listed(names: Sequence[str]) -> str:

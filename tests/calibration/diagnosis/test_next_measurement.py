@@ -92,6 +92,29 @@ def test_further_visits_rest_and_last_as_long_as_those_of_the_campaign(small):
     assert duration_min(linear, same) == pytest.approx(expected_s / 60.0)
 
 
+@pytest.mark.parametrize(
+    ("speed_m_per_s", "dwell_s", "speeds", "said"),
+    [
+        (0.5, 4.0, {0.2, 0.5, 1.0}, "three speeds"),
+        (1.1, 4.0, {0.44, 1.1, 2.0}, "three speeds"),
+        (1.1, 1000.0, {0.44, 1.1, 2.0}, "three speeds"),
+        (5.0, 4.0, {0.8, 2.0}, "two speeds, 2 m/s where it was faster"),
+    ],
+)
+def test_visits_are_such_as_a_campaign_file_may_ask_for(small, speed_m_per_s, dwell_s, speeds, said):
+    """A rig that was faster, or rested longer, comes as near to that as it may."""
+    count = len(small.context.dwell_s)
+    context = replace(small.context, dwell_s=np.full(count, dwell_s), speed_m_per_s=np.full(count, speed_m_per_s))
+    proposed = list(proposals(replace(small, context=context)))
+    visits = [visit for proposal in proposed for visit in proposal.visits]
+    assert {round(visit.speed_m_per_s, 9) for visit in visits} == speeds
+    assert {visit.dwell_s for visit in proposed[0].visits} == {min(dwell_s, 600.0)}
+    assert max(visit.dwell_s for visit in visits) <= 600.0
+    varied = next(proposal for proposal in proposed if proposal.name == "varied rest")
+    assert varied.adds.endswith(said)
+    assert ("600 s of rest where it was longer" in proposed[0].adds) is (dwell_s > 600.0)
+
+
 def test_basis_sets_are_built_over_the_visits_of_the_campaign_and_the_planned_ones(small):
     hypotheses = _Hypotheses(small, SimpleNamespace(ranking=()), {NONE: 1.0}, ())
     planned, pose = hypotheses._planned_context(next(proposals(small)))

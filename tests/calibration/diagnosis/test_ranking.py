@@ -29,7 +29,7 @@ def place(name: str, log_evidence: float) -> PlaceEvidence:
     return PlaceEvidence(name, log_evidence, SimpleNamespace(), ())
 
 
-def refined_of(monkeypatch, logs, laws):
+def refined_of(monkeypatch, logs, laws, *, thorough=False):
     """Effects that are refined, and the ranking; `laws`: names that have any curves."""
     refined = []
     effects = [
@@ -45,7 +45,7 @@ def refined_of(monkeypatch, logs, laws):
         "refine",
         lambda _, __, effect, places, by_visit: refined.append(effect.name) or places,
     )
-    return refined, ranking.rank_effects(None, INPUTS, effects)
+    return refined, ranking.rank_effects(None, INPUTS, effects, thorough=thorough)
 
 
 @pytest.mark.parametrize(("strongest", "limit"), [(100.0, 60.0), (9.0, 6.0)])
@@ -56,6 +56,13 @@ def test_effects_are_refined_above_three_fifths_of_the_strongest_evidence_and_si
     other = ["joint_clearance"] if side > 0.0 else []
     assert refined == ["column_compliance", *other]
     assert [c.unrefined for c in ranked] == [False, not other and limit + side > 6.0]
+
+
+def test_a_thorough_ranking_refines_all_that_would_be_enough_for_a_cause(monkeypatch):
+    logs = {"column_compliance": 100.0, "joint_clearance": 6.1, "refraction": 5.9}
+    refined, ranked = refined_of(monkeypatch, logs, laws=(), thorough=True)
+    assert refined == ["column_compliance", "joint_clearance"]
+    assert not any(cause.unrefined for cause in ranked)
 
 
 @pytest.mark.parametrize("side", [-0.1, 0.1])

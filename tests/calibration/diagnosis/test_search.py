@@ -37,7 +37,7 @@ def searched(
         return [replace(cause, departure_gain=kept_gain * cause.departure_gain) for cause in causes], ["refitted"]
 
     steps = {False: iter([*rounds, []]), True: iter([by_visit or [], []])}
-    monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, explained=0.0: next(steps[by_visit], []))
+    monkeypatch.setattr(search, "rank_effects", lambda *_, by_visit=False, **__: next(steps[by_visit], []))
     differing = {cause.name for cause in by_visit or []}
     monkeypatch.setattr(search, "differs_by_visit", lambda cause: cause.name in differing)
     monkeypatch.setattr(search, "acting_elsewhere", lambda *_: set())

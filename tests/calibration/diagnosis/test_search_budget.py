@@ -34,10 +34,17 @@ class NumbersForVisits(Evidence):
 
 
 @pytest.fixture
-def search_with(monkeypatch):
+def thorough_rankings() -> list[bool]:
+    """Of each ranking that a search has asked for, whether it was a thorough one."""
+    return []
+
+
+@pytest.fixture
+def search_with(monkeypatch, thorough_rankings):
     """A search in which the effects and alternatives have the given evidence."""
 
-    def ranked(likelihood, *_, by_visit=False, explained=0.0):
+    def ranked(likelihood, *_, by_visit=False, explained=0.0, thorough=False):
+        thorough_rankings.append(thorough)
         differing = by_visit and likelihood == "none"
         kind = NumbersForVisits if differing else Evidence
         found = GIVEN.get("by visit" if differing else likelihood, {})
@@ -61,6 +68,20 @@ def test_with_work_left_every_search_is_made(search_with):
     assert names(search_with(budget)) == ["backlash"]
     assert budget.left_out == {}
     assert budget.spent == 6 * STEP + READINGS * 600.0  # two causes with each of three leaders; that by visit
+
+
+@pytest.mark.parametrize(("limit", "thorough"), [(1e9, False), (np.inf, True)])
+def test_a_thorough_search_leaves_nothing_out_to_save_time(
+    search_with, thorough_rankings, monkeypatch, limit, thorough
+):
+    """It refines all effects, and begins with a fourth one too."""
+    monkeypatch.setitem(GIVEN, "none", {**GIVEN["none"], "expansion_coefficient": 800.0})
+    monkeypatch.setitem(GIVEN, "none+expansion_coefficient", {"smr_reseat": 600.0})
+    monkeypatch.setitem(GIVEN, "by visit", {})
+    found = search_with(SearchBudget(limit=limit))
+    assert names(found) == (["expansion_coefficient", "smr_reseat"] if thorough else ["payload", "smr_reseat"])
+    assert found.not_begun_with == (() if thorough else ("expansion_coefficient",))
+    assert set(thorough_rankings) == {thorough}
 
 
 @pytest.mark.parametrize(

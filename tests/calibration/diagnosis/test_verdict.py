@@ -5,16 +5,17 @@ The numbers are those of docs/explanation/diagnosis-method.md, written out: the 
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibration.diagnosis.findings.effect_summary import equivalent_effects
-from calibration.diagnosis.findings.remarks import _cut_for_time, _of_verdict, remarks
+from calibration.diagnosis.findings.remarks import _as_many_as_are_looked_for, _cut_for_time, _of_verdict, remarks
 from calibration.diagnosis.levels_and_causes import LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linear_model import LinearModel
-from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.diagnosis.result import NONE, UNKNOWN, GapFigures
 from calibration.diagnosis.search_budget import BY_VISIT
 from calibration.diagnosis.verdict import presence_probability, probabilities
 from calibration.model.payload import PayloadEntry
@@ -224,6 +225,32 @@ def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(ex
     assert all("travel.left" in remark and "time" in remark for remark in remarks)
 
 
+GAP = GapFigures(219.4e-6, 424.5e-6, 13.0e-6, -0.89, (-1.2, -0.6), "four passes")
+
+
+@pytest.mark.parametrize(
+    ("verdict", "gap", "said"),
+    [
+        ("backlash", GAP, True),
+        ("backlash", replace(GAP, shrink=-0.01, shrink_interval=(-0.2, 0.1)), True),
+        ("backlash", replace(GAP, shrink=0.0, shrink_interval=(-0.2, 0.1)), False),
+        ("backlash", replace(GAP, shrink=0.9, shrink_interval=(0.8, 0.95)), False),
+        (NONE, GAP, False),
+    ],
+)
+def test_an_effect_with_which_readings_are_predicted_worse_is_said_to_do_so(verdict, gap, said):
+    linear = SimpleNamespace(levels=DisturbanceLevels(), far_off=np.zeros(0))
+    result = found_beside(0.0)
+    result.ranking, result.not_begun_with = (), ()
+    all_remarks = remarks(linear, DisturbanceLevels(), LevelsAndCauses(None, result, 0.0), verdict, 5e-6, gap)
+    worse = [remark for remark in all_remarks if "predicted worse" in remark]
+    sentence = (
+        "with backlash and latency withheld readings are predicted worse than without, from a gap of 219.4 to 424.5 "
+        "um: do not add them to the model"
+    )
+    assert worse == ([sentence] if said else [])
+
+
 @pytest.mark.parametrize(("alike", "verdict", "said"), [(True, "backlash", 1), (False, "backlash", 0), (True, NONE, 0)])
 def test_sizes_that_lean_on_one_another_are_said_to(alike, verdict, said):
     result = found_beside(0.0)
@@ -301,7 +328,7 @@ def test_an_effect_that_is_kept_for_its_form_alone_is_named():
     result.ranking = result.causes = ()
     result.non_parametric, result.not_begun_with = (), ()
     by_form, without = (
-        remarks(linear, DisturbanceLevels(), LevelsAndCauses(None, result, 0.0, kept), NONE, noise_floor_m=5e-6)
+        remarks(linear, DisturbanceLevels(), LevelsAndCauses(None, result, 0.0, kept), NONE, 5e-6, GAP)
         for kept in (told, None)
     )
     assert without == ()
@@ -344,13 +371,23 @@ def cut_of(*, unrefined=(), not_begun_with=(), causes=("latency",), left_out=())
             {"left_out": ("payload", BY_VISIT)},
             "began with payload and effects that are another at each visit: others",
         ),
-        ({"causes": ("latency", "latency", "refraction", "payload")}, "no more than 3 causes were looked for"),
+        ({"unrefined": ("refraction",)}, "(diagnose --thorough tries them)"),
+        ({"not_begun_with": ("payload",)}, "(diagnose --thorough begins with these too)"),
     ],
 )
 def test_what_is_not_tried_to_save_time_is_said_with_its_name(cut, said):
     (remark,) = cut_of(**cut)
     assert remark.startswith("to save time ")
     assert said in remark
+
+
+@pytest.mark.parametrize(("names", "said"), [(("latency", "refraction"), 0), (("latency", "refraction", "payload"), 1)])
+def test_that_no_more_than_three_causes_are_looked_for_is_not_to_save_time(names, said):
+    """No option finds more."""
+    causes = [SimpleNamespace(effect=CATALOGUE.effect(name)) for name in (*names, names[0])]
+    remarks = _as_many_as_are_looked_for(SimpleNamespace(causes=causes))
+    assert remarks == ("no more than 3 causes are looked for: there may be others",) * said
+    assert cut_of(causes=names) == ()
 
 
 def test_what_is_not_tried_is_one_remark_and_none_where_all_was_tried():

@@ -18,7 +18,8 @@ from calibration.diagnosis.findings.withheld_blocks import (
     regions,
     withheld_differences,
 )
-from calibration.diagnosis.linear_model import LinearModel, linearise_recording
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording, scatter_over_visits
+from calibration.diagnosis.result import GapFigures
 from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 
 
@@ -203,6 +204,30 @@ def test_the_noise_floor_is_the_scatter_at_a_target_that_is_visited_again(small)
     assert again.repeatability_m() == pytest.approx(np.sqrt(square / freedom), rel=1e-6)
     conditions = replace(context, payload_kg=np.where(small.visit >= 0, small.visit // (2 * (visits // 5)), 0.0))
     assert replace(again, context=conditions).repeatability_m() is None
+
+
+@pytest.mark.parametrize(("before_m", "shrink"), [(3e-6, 0.0), (0.0, np.nan)])
+def test_without_an_effect_nothing_shrinks_and_the_shrink_of_no_gap_is_none(before_m, shrink):
+    gap = GapFigures(before_m, 1e-6, 5e-6, 0.7, (0.6, 0.8), "regions").without_effect()
+    assert gap.after_m == before_m
+    assert (gap.shrink, *gap.shrink_interval) == pytest.approx((shrink,) * 3, nan_ok=True)
+
+
+@pytest.mark.parametrize("readings", [1, 2, 3])
+def test_the_noise_floor_counts_visits_not_readings(readings):
+    """However often a reflector is read at a stop, it is the scatter of the stops' means; two stops have none."""
+    rng = np.random.default_rng(5)
+    stops = rng.normal(0.0, 1e-5, (400, 2))
+    visit, place = np.repeat(np.arange(400), readings), np.repeat(np.arange(400) // 4, readings)
+    within = rng.normal(0.0, 1e-4, (400, readings, 2))
+    within -= within.mean(axis=1, keepdims=True)
+    read = np.repeat(stops, readings, axis=0) + within.reshape(-1, 2)
+    means = stops.reshape(100, 4, 2)
+    expected = np.sqrt(np.sum((means - means.mean(axis=1, keepdims=True)) ** 2) / (100 * 3 * 2))
+    order = rng.permutation(len(read))
+    assert scatter_over_visits(read[order], place[order, None], visit[order]) == pytest.approx(expected)
+    in_twos = np.repeat(np.arange(400) // 2, readings)
+    assert scatter_over_visits(read, in_twos[:, None], visit) is None
 
 
 @pytest.mark.parametrize("scatter_m", [0.0, 4e-6, 1.2e-5])

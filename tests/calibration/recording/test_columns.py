@@ -14,6 +14,7 @@ from calibration.base.errors import InputError
 from calibration.recording.columns import COLUMNS, Column, columns_of, unit_of
 from calibration.recording.folder import read_folder, write_folder
 from calibration.recording.recording import Recording, make_recording
+from calibration.reduction.reduction import reduce
 from pkm_rig.store.store import Store
 from tests.pkm_rig.plant_recording import record
 
@@ -143,3 +144,27 @@ def test_a_declared_column_must_be_there(plain):
 def test_names_of_declared_columns_are_checked(plain, name, complaint):
     with pytest.raises(ValidationError, match=complaint):
         type(plain.file)(**plain.file.model_dump() | {"extra_columns": {name: "?"}})
+
+
+def test_readings_of_several_visits_are_not_all_of_one_moment(plain):
+    """The drift of the station could not be told from what the machine does, and was taken for refraction."""
+    rows = [plain.row(i) | {"t_rig_s": 1000.0} for i in range(len(plain))]
+    with pytest.raises(InputError, match="column 't_rig_s' is 1000 in every row") as caught:
+        make_recording(plain.file, plain.machine, rows)
+    assert "\n" not in str(caught.value)
+    visit = plain.row(len(plain) - 1)["visit"]
+    assert make_recording(plain.file, plain.machine, [row for row in rows if row["visit"] == visit])
+    whole_minutes = [row | {"t_rig_s": 60.0 * (i // 20)} for i, row in enumerate(rows)]
+    assert make_recording(plain.file, plain.machine, whole_minutes)
+
+
+def test_a_part_without_temperature_is_named_with_its_column(plain):
+    """A folder has no rig file in which it could be mapped."""
+    sensors = tuple(sensor for sensor in plain.file.sensors if sensor != "base")
+    assert len(sensors) == len(plain.file.sensors) - 1
+    rows = [plain.row(i) for i in range(len(plain))]
+    recording = make_recording(plain.file.model_copy(update={"sensors": sensors}), plain.machine, rows)
+    with pytest.raises(InputError, match=r"no column 'base_temperature_c', .* list 'base' in 'sensors' of") as caught:
+        reduce(recording)
+    assert "\n" not in str(caught.value)
+    assert "rig file" not in str(caught.value)

@@ -60,6 +60,11 @@ def edit(path, old, new):
             "[nuisance]\ndrift_m = 3.0\n[station]",
             "'nuisance.drift_m': 3.0 should be less than or equal to",
         ),
+        ("range_constant_u_m = 0.0001", "range_constant_u_m = 100.0", "'station.accuracy.range_constant_u_m': 100.0"),
+        ("range_sd_m = 0.0001", "range_sd_m = 1.0", "'station.accuracy.range_sd_m': 1.0"),
+        ("angle_sd_rad = 2.4e-06", "angle_sd_rad = 2.4", "'station.accuracy.angle_sd_rad': 2.4"),
+        ("range_scale_u = 1e-06", "range_scale_u = 1.0", "'station.accuracy.range_scale_u': 1.0"),
+        ("drift_m_per_sqrt_h = 1e-05", "drift_m_per_sqrt_h = 10.0", "'station.accuracy.drift_m_per_sqrt_h': 10.0"),
         ("format = 1", "", "no key 'format'; add it"),
     ],
 )
@@ -85,6 +90,8 @@ def test_bad_headers_are_refused(copy, old, new, complaint):
         ("payload_mass_kg", "55", r"row \d+: payload_mass_kg contradicts"),
         ("cov_xx_m2", "-1e-9", "covariance"),
         ("target_x_m", "350", "outside the workspace"),
+        ("dwell_s", "-2.0", "row 5, column 'dwell_s' is negative"),
+        ("speed_m_per_s", "-0.5", "row 5, column 'speed_m_per_s' is negative"),
     ],
 )
 def test_bad_values_are_named(copy, column, value, complaint):

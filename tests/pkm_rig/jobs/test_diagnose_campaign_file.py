@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,7 @@ from typer.testing import CliRunner
 from calibration.base.errors import InputError
 from pkm_rig.cli.entry import app
 from pkm_rig.jobs.calibrate import calibrate
-from pkm_rig.jobs.campaign_file import campaign_text, write_campaign_files
+from pkm_rig.jobs.campaign_file import campaign_text, remarks_on_unwritable, write_campaign_files
 from pkm_rig.jobs.measure import measure
 from pkm_rig.rig.schedule import calibration_blocks
 from pkm_rig.rig.visits_file import with_visits
@@ -34,6 +35,20 @@ def test_only_candidates_with_visits_become_files_and_old_ones_go(candidate_file
     assert files["other dwell"] == str(tmp_path / "next-1-other-dwell.toml")
     write_campaign_files([], machine, file.payloads, "earlier", tmp_path)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_candidate_that_no_campaign_file_may_hold_loses_neither_the_others_nor_the_diagnosis(tmp_path):
+    file, machine = short_rig_file(seed=4)
+    first, *others = example().next_measurement
+    too_fast = replace(first, name="too fast", visits=tuple(replace(v, speed_m_per_s=3.0) for v in first.visits))
+    candidates = [too_fast, first, *others]
+    files = write_campaign_files(candidates, machine, file.payloads, "earlier", tmp_path)
+    assert files["too fast"] is None
+    assert files["other dwell"] == str(tmp_path / "next-2-other-dwell.toml")
+    (said,) = remarks_on_unwritable(candidates, machine)
+    assert said.startswith("no campaign file for 'too fast': speed_m_per_s = 3.0: ")
+    assert "less than or equal to 2" in said
+    assert "\n" not in said
 
 
 def test_a_campaign_file_says_what_it_is_for(candidate_file):

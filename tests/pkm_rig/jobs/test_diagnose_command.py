@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import tomllib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import jsonschema
@@ -35,6 +35,7 @@ from pkm_rig.rig.schedule import calibration_blocks
 from pkm_rig.rig.visits_file import with_visits
 from pkm_rig.virtual.mock_rig import TwinFiles, embedded_mock_rig
 from pkm_rig.virtual.twin_files import find_twin, read_twin
+from tests.pkm_rig.diagnosis_example import example
 
 MACHINE = shipped_machine("planar4")
 
@@ -367,6 +368,18 @@ def test_a_twin_that_is_not_there_is_one_line(run, tmp_path):
     done = run("mock", "--rig", embedded_rig_path(), "--twin", "nothing", "--out", tmp_path)
     assert done.returncode == 2
     assert "pkm-rig diagnose nothing --add" in done.stderr
+
+
+def test_a_candidate_that_cannot_be_written_does_not_lose_the_diagnosis(monkeypatch, folder, tmp_path):
+    first, *others = example().next_measurement
+    too_long = replace(first, visits=tuple(replace(visit, dwell_s=1000.0) for visit in first.visits))
+    found = replace(example(), next_measurement=(too_long, *others))
+    monkeypatch.setattr(diagnose, "diagnose", lambda *_, work: found)
+    diagnosis, result = diagnose.run_diagnosis(read_folder(folder), tmp_path)
+    assert [entry["file"] for entry in result["next_measurement"]] == [None, None]
+    assert diagnosis.remarks[:-1] == found.remarks
+    assert diagnosis.remarks[-1].startswith("no campaign file for 'other dwell': dwell_s = 1000")
+    assert result["remarks"] == list(diagnosis.remarks)
 
 
 @pytest.mark.parametrize("options", [{}, {"add": True}])

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from calibration.diagnosis.channels import unit_of_channel
-from calibration.diagnosis.result import KINDS, Quantity, Share
+from calibration.diagnosis.result import KINDS, GapFigures, Quantity, Share
 from calibration.machine.description import load_machine, shipped_machine
 from pkm_rig.report import diagnosis_json as diagnosis_output
 from pkm_rig.report import diagnosis_pictures, diagnosis_text
@@ -117,6 +117,15 @@ def test_an_effect_in_words():
     ):
         assert part in text
     assert text.index("an SMR on the slider") < text.index("other dwell")
+
+
+def test_an_effect_with_which_readings_are_predicted_worse_is_no_success():
+    worse = replace(example(), gap=GapFigures(2.194e-4, 4.245e-4, 1.3e-5, -0.89, (-1.2, -0.6), "four passes"))
+    line = diagnosis_text.one_line_summary(worse)
+    assert "but with it withheld data are predicted worse, gap 219.4 um to 424.5 um: do not add it to the model" in line
+    assert "shrink" not in line
+    assert line in " ".join(printed(worse).split())
+    assert "predicted worse" not in diagnosis_text.one_line_summary(example())
 
 
 def test_none_and_unknown_in_words():

@@ -38,6 +38,7 @@ __all__ = [
     "place_evidence",
     "ranking",
     "reading_weights",
+    "repeated_visits",
     "result",
     "search",
     "search_budget",

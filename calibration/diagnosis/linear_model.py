@@ -23,6 +23,7 @@ from calibration.diagnosis.nest_readings import columns_of_all_readings, nest_co
 from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings, lengths_m
 from calibration.diagnosis.reading_weights import SecondJudgement, weights_by_model
+from calibration.diagnosis.repeated_visits import scatter_over_visits
 from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
@@ -38,7 +39,6 @@ from calibration.reduction.left_out import GIANT, LeftOutReading
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 GATINGS, LEAST_VISITS = 8, 20
-LEAST_REPEATED = 3  # visits of one target under the same conditions, for the noise floor
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
 
@@ -184,26 +184,6 @@ class LinearModel(LinearisedReadings):
         target = np.round(self.poses.visits.target_m[self.visit[rows]], 7)
         conditions = np.column_stack([target, context.direction[rows], context.payload_kg[rows], self.smr[rows]])
         return scatter_over_visits(position_m, conditions, self.visit[rows])
-
-
-def scatter_over_visits(position_m: Array, conditions: Array, visit: NDArray[np.intp]) -> float | None:
-    """RMS scatter, per coordinate, of the means of visits under equal conditions (r, k); None if no conditions are
-    those of LEAST_REPEATED visits. position_m (r, c), visit (r,): of each reading, several at a visit being one."""
-    _, first, of_visit = np.unique(np.column_stack([conditions, visit]), axis=0, return_index=True, return_inverse=True)
-    position_m = _means(position_m, of_visit.ravel())
-    group = np.unique(conditions[first], axis=0, return_inverse=True)[1].ravel()
-    visits = np.bincount(group)
-    repeated = visits[group] >= LEAST_REPEATED
-    if not np.any(repeated):
-        return None
-    square = float(np.sum((position_m - _means(position_m, group)[group])[repeated] ** 2))
-    degrees_of_freedom = int(np.sum(visits[visits >= LEAST_REPEATED] - 1)) * position_m.shape[1]
-    return float(np.sqrt(square / degrees_of_freedom))
-
-
-def _means(values: Array, group: NDArray[np.intp]) -> Array:
-    """Means (g, c) of the values (r, c) of each group (r,)."""
-    return np.stack([np.bincount(group, x) for x in values.T], axis=1) / np.bincount(group)[:, None]
 
 
 def require_recording(linear: LinearisedReadings) -> LinearModel:

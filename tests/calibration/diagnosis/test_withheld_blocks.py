@@ -18,7 +18,8 @@ from calibration.diagnosis.findings.withheld_blocks import (
     regions,
     withheld_differences,
 )
-from calibration.diagnosis.linear_model import LinearModel, linearise_recording, scatter_over_visits
+from calibration.diagnosis.linear_model import LinearModel, linearise_recording
+from calibration.diagnosis.repeated_visits import scatter_over_visits
 from calibration.diagnosis.result import GapFigures
 from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 

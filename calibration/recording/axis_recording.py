@@ -64,7 +64,7 @@ def read_axis_folder(folder: Path) -> AxisRecording:
         missing = "torque_unit and torque_side" if "torque" in table else f"column 'torque' in {SAMPLES}"
         raise InputError(f"{header}: torque is there without {missing}; give both or none ({PAGE})")
     positions = (ROTARY if file.kind == "rotary" else LINEAR)[file.position_unit]
-    time_s = table["time"] * SECONDS[file.time_unit]
+    time_s = (table["time"] - table["time"][0]) * SECONDS[file.time_unit]  # of whatever clock
     _check_time(path, time_s)
     motor, second = table["motor_position"] * positions, table["second_position"] * positions
     command = table["command"] * positions if "command" in table else None
@@ -77,7 +77,7 @@ def read_axis_folder(folder: Path) -> AxisRecording:
             torque = torque * file.ratio
         _check_size(path, "torque", torque, LARGEST_TORQUE, "Nm or N")
     _check_motion(path, motor, second)
-    return AxisRecording(file, time_s - time_s[0], motor, second, command, torque)
+    return AxisRecording(file, time_s, motor, second, command, torque)
 
 
 def write_axis_folder(file: AxisFile, columns: dict[str, Array], folder: Path) -> None:
@@ -101,7 +101,7 @@ def write_axis_folder(file: AxisFile, columns: dict[str, Array], folder: Path) -
 def _check_time(path: Path, time_s: Array) -> None:
     if len(time_s) < LEAST_SAMPLES:
         raise InputError(f"{path}: {len(time_s)} samples; it needs at least {LEAST_SAMPLES}")
-    _check_size(path, "time", time_s, LONGEST_S, "s")
+    _check_size(path, "time", time_s, LONGEST_S, "s after the first")
     steps = np.diff(time_s)
     if (back := np.flatnonzero(steps <= 0.0)).size:
         raise InputError(f"{path}: line {back[0] + 3}: time does not rise; remove what was recorded twice")

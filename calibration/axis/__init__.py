@@ -9,6 +9,8 @@ __all__ = [
     "non_parametric",
     "result",
     "ripple",
+    "rounding",
+    "scale",
     "search",
     "signals",
     "smooth_function",

@@ -14,6 +14,7 @@ from calibration.axis.likelihood import AxisLikelihood
 from calibration.axis.model import AxisModel
 from calibration.axis.noise import cosines
 from calibration.axis.result import AxisDiagnosis, AxisEffectFound
+from calibration.axis.scale import Scale, with_free_scale
 from calibration.axis.search import AxisCause, AxisSearch, explain_effect, search_axis
 from calibration.axis.signals import Signals, samples_in_group
 from calibration.axis.smooth_function import smooth_function
@@ -29,6 +30,7 @@ CLUES = 4
 # Tuned on simulated drives, whose reversals are sharper than a law.
 AXIS_VERDICT = replace(VERDICT, none_prior_log_odds=7.0, excess_share=0.1, strong_evidence=math.inf, u_of_form=0.04)
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effects' models are not exact
+ROUNDING = "the gap is no more than the rounding of the positions"
 NO_RATIO = "the ratio is not stated: a compliance counts per unit of the motor's torque"
 
 
@@ -49,7 +51,8 @@ def diagnose_signals(
     remarks: tuple[str, ...] = (),
 ) -> AxisDiagnosis:
     """The same of signals."""
-    search = search_axis(signals)
+    stated_u = signals.scale_u
+    signals, search = _with_stated_or_free_scale(signals)
     logs: dict[str, float] = {cause.effect.name: cause.log_evidence for cause in search.ranking}
     ranking = verdict_probabilities(logs, search.log_evidence, search.excess_log_evidence, AXIS_VERDICT)
     verdict = max(ranking, key=lambda effect: ranking[effect])
@@ -76,8 +79,27 @@ def diagnose_signals(
         noise=np.exp(0.5 * after.knots) * np.sqrt(2.0 * signals.step_s),
         remaining=after.remaining,
         model=_model(search.causes if is_effect else (), after, signals),
-        remarks=(*remarks, *_remarks(search, verdict)),
+        remarks=(*remarks, *_remarks_on_scale(search, after, signals, stated_u), *_remarks(search, verdict)),
     )
+
+
+def _with_stated_or_free_scale(signals: Signals) -> tuple[Signals, AxisSearch]:
+    """What explains the gap, and its signals: with a free scale of the second position where that is likelier."""
+    free = with_free_scale(signals)
+    if free is None:
+        return signals, search_axis(signals)
+    freed = search_axis(free)
+    if not freed.causes and freed.before.is_rounding(free):
+        return free, freed
+    stated = search_axis(signals)
+    likelier = freed.after.log_marginal > stated.after.log_marginal
+    return (free, freed) if likelier else (signals, stated)
+
+
+def _remarks_on_scale(search: AxisSearch, after: AxisLikelihood, signals: Signals, stated_u: float) -> tuple[str, ...]:
+    """That the scale is far off, and that there is nothing but rounding beside it."""
+    out = [] if signals.scale_u == stated_u else [Scale.of(after, signals, stated_u).remark]
+    return (*out, ROUNDING) if search.before.is_rounding(signals) else tuple(out)
 
 
 def _remarks_on_recording(recording: AxisRecording, used: int) -> tuple[str, ...]:
@@ -219,7 +241,7 @@ def _frequencies(likelihood: AxisLikelihood, step_s: float) -> Array:
 def _model(causes: tuple[AxisCause, ...], after: AxisLikelihood, signals: Signals) -> AxisModel:
     laws = tuple(law for cause in causes for law in cause.explanation.laws)
     prior = np.concatenate([cause.explanation.prior_deviations for cause in causes] or [np.empty(0)])
-    scale = float(after.coefficients[0]) * signals.scale_u
+    scale = Scale.of(after, signals, signals.scale_u).value
     return AxisModel(scale, float(signals.position.mean()), laws, after.coefficients[1:] * prior)
 
 

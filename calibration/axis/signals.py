@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -10,6 +11,7 @@ from scipy.interpolate import CubicSpline, PPoly
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import savgol_filter
 
+from calibration.axis.rounding import rounding_deviation
 from calibration.base.arrays import Array
 from calibration.recording.axis_recording import AxisRecording
 
@@ -26,7 +28,9 @@ class Signals:
 
     gap: second position less the motor's. position, velocity, acceleration: of the motor, smoothed. torque: smoothed.
     unit: of positions; load_unit: of the torque. scale_u: standard uncertainty of the second position's scale.
-    torque_of_motor: whether the torque is the motor's, part of which accelerates the motor.
+    torque_of_motor: whether the torque is the motor's, part of which accelerates the motor. rounding: standard
+    deviation that the rounding of the values leaves in the gap; smoothed_off: RMS of what smoothing takes off the
+    position. slope: scale of the second position, less one, that is no longer in the gap.
     """
 
     step_s: float
@@ -39,6 +43,9 @@ class Signals:
     load_unit: str
     scale_u: float
     torque_of_motor: bool = False
+    rounding: float = 0.0
+    smoothed_off: float = 0.0
+    slope: float = 0.0
 
     @classmethod
     def of(cls, recording: AxisRecording) -> Signals:
@@ -53,15 +60,17 @@ class Signals:
     @classmethod
     def _between(cls, recording: AxisRecording, first: Array, second: Array) -> Signals:
         group = samples_in_group(recording)
+        rounding = rounding_deviation(first, second) / math.sqrt(group)
         first, second = _averaged(first, group), _averaged(second, group)
         torque = None if recording.torque is None else _averaged(recording.torque, group)
         step = recording.step_s * group
         narrow = _half_width(SMOOTHING_S / step)
         wide = _half_width(2.0 * SMOOTHING_S / step)
+        position = savgol_filter(first, 2 * narrow + 1, ORDER)
         return cls(
             step_s=step,
             gap=second - first,
-            position=savgol_filter(first, 2 * narrow + 1, ORDER),
+            position=position,
             velocity=savgol_filter(first, 2 * narrow + 1, ORDER, deriv=1, delta=step),
             acceleration=savgol_filter(first, 2 * wide + 1, ORDER, deriv=2, delta=step),
             torque=None if torque is None else savgol_filter(torque, 2 * narrow + 1, ORDER),
@@ -69,6 +78,8 @@ class Signals:
             load_unit=recording.file.load_unit,
             scale_u=recording.file.second_scale_u,
             torque_of_motor=recording.file.torque_side == "motor",
+            rounding=rounding,
+            smoothed_off=float(np.sqrt(np.mean((first - position) ** 2))),
         )
 
     def __len__(self) -> int:

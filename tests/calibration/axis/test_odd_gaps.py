@@ -1,0 +1,74 @@
+"""Gaps that no drive should have, and some do: a scale that is off, nothing but rounding, many turns."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from calibration.axis.diagnose import diagnose_axis
+from calibration.recording.axis_header import AxisFile
+from calibration.recording.axis_recording import AxisRecording
+
+COUNT, STEP_S = 500, 0.02
+TIME_S = STEP_S * np.arange(COUNT)
+MOTOR = 0.07 * np.sin(1.3 * TIME_S) + 0.04 * np.sin(0.8 * TIME_S + 1.0)  # short, for the time a test takes
+
+
+def recording(motor, second, **header):
+    file = AxisFile(format=1, name="odd", **{"kind": "rotary", "time_unit": "s", "position_unit": "rad"} | header)
+    return AxisRecording(file, TIME_S[: len(motor)], motor, second)
+
+
+def noise(size, seed=1):
+    return size * np.random.default_rng(seed).standard_normal(COUNT)
+
+
+@pytest.mark.parametrize(
+    "second",
+    [
+        MOTOR + 0.01,
+        MOTOR + noise(1e-16),
+        1.005 * MOTOR,
+        1.02 * MOTOR,
+        1.05 * MOTOR,
+        np.round(MOTOR, 4) + 0.02,
+    ],
+)
+def test_what_is_no_more_than_rounding_is_none(second):
+    motor = np.round(MOTOR, 4) if np.array_equal(second, np.round(second, 4)) else MOTOR
+    found = diagnose_axis(recording(motor, second))
+    assert found.verdict == "none"
+    assert found.ranking["none"] > 0.99
+    assert any("no more than the rounding of the positions" in remark for remark in found.remarks)
+
+
+@pytest.mark.parametrize("scale", [0.95, 1.05])
+def test_a_scale_that_is_off_is_no_weight(scale):
+    found = diagnose_axis(recording(MOTOR, scale * MOTOR + noise(1e-5)))
+    assert found.verdict == "none"
+    (remark,) = [r for r in found.remarks if "scale" in r]
+    assert float(remark.split()[4]) == pytest.approx(scale, abs=2e-5)
+    assert "50 times its stated uncertainty of 0.001" in remark
+    assert found.model.scale == pytest.approx(scale - 1.0, abs=2e-5)
+
+
+def test_what_is_there_beside_a_scale_is_found():
+    late = np.interp(TIME_S - 2e-3, TIME_S, MOTOR)
+    found = diagnose_axis(recording(MOTOR, 1.05 * late + noise(1e-5)))
+    assert found.verdict in {"delay", "viscous"}
+    assert found.effects[0].size.value == pytest.approx(2.1e-3, abs=3.0 * found.effects[0].size.u)
+    assert any("50 times its stated uncertainty" in remark for remark in found.remarks)
+
+
+def test_a_weight_is_no_scale():
+    """Its sine rises too, fifteen times as much as the scale may, but bends."""
+    found = diagnose_axis(recording(MOTOR, MOTOR + 0.02 * np.sin(MOTOR + 0.7) + noise(1e-6)))
+    assert found.verdict == "weight"
+    assert found.remarks == ()  # what is left is rounded too, but the gap is not
+
+
+@pytest.mark.parametrize("second_scale_u", [1e-3, 0.1])
+def test_a_scale_within_its_uncertainty_says_nothing(second_scale_u):
+    second = (1.0 + 2.0 * second_scale_u) * MOTOR + noise(1e-5)
+    found = diagnose_axis(recording(MOTOR, second, second_scale_u=second_scale_u))
+    assert (found.verdict, found.remarks) == ("none", ())

@@ -29,8 +29,8 @@ ROUNDS = 12
 SETTLED = 0.02  # change of log evidence
 MOST_FITTED = 3  # basis sets whose noise is fitted: those with the most evidence, and those closest to the gap
 RIDGE = 1e-9
-EXACT = 1e-10  # of the travel: noise below that no encoder has, and a gap of zero would have none
-ROUNDED = 1.1  # times its expected RMS, up to which a gap is rounding
+EXACT = 1e-10  # of the travel, and at most in rad or m: noise below that no encoder has
+ROUNDED = 1.25  # times its expected RMS, up to which a gap is rounding: that of a mere offset, rounded, is 1.22
 
 
 @dataclass(frozen=True)
@@ -67,14 +67,14 @@ class AxisLikelihood:
         """Without any effect: offset and scale of the second position, and noise."""
         gap = cosines(signals.gap)
         scale = cosines((signals.position - signals.position.mean())[:, None]) * signals.scale_u
-        shape = NoiseShape.of(len(gap), max(EXACT * signals.travel, signals.rounding) ** 2)
+        shape = NoiseShape.of(len(gap), least_noise(signals) ** 2)
         start = cls(gap, scale, shape, shape.fit(gap**2))
         return start.settled()
 
     def is_rounding(self, signals: Signals) -> bool:
         """Whether all that the model leaves may be rounding of the positions, and what smoothing does to a scale."""
         slope = signals.slope + float(self.coefficients[0]) * signals.scale_u
-        level = max(EXACT * signals.travel, signals.rounding, abs(slope) * signals.smoothed_off)
+        level = max(least_noise(signals), abs(slope) * signals.smoothed_off)
         return float(np.sqrt(np.mean(self.remaining**2))) <= ROUNDED * level
 
     def settled(self) -> AxisLikelihood:
@@ -218,6 +218,11 @@ class AxisLikelihood:
         self, columns: Array, sets: Sequence[BasisSet], low: float, high: float
     ) -> Sequence[BasisSetEvidence]:
         return evidence_of_basis_sets(self.information_and_score(columns), sets, low, high)
+
+
+def least_noise(signals: Signals) -> float:
+    """Standard deviation of noise that every gap has: a gap of zero would have none."""
+    return max(EXACT * min(signals.travel, 1.0), signals.rounding)
 
 
 def _weights(built: LawSets) -> Array:

@@ -60,7 +60,7 @@ class Signals:
     @classmethod
     def _between(cls, recording: AxisRecording, first: Array, second: Array) -> Signals:
         group = samples_in_group(recording)
-        rounding = rounding_deviation(first, second) / math.sqrt(group)
+        rounding = math.hypot(*(_rounding(x, recording.step_s) for x in (first, second))) / math.sqrt(group)
         first, second = _averaged(first, group), _averaged(second, group)
         torque = None if recording.torque is None else _averaged(recording.torque, group)
         step = recording.step_s * group
@@ -183,6 +183,11 @@ def _averaged(x: Array, group: int) -> Array:
         return x
     whole = len(x) // group * group
     return np.asarray(x[:whole].reshape(-1, group).mean(axis=1))
+
+
+def _rounding(x: Array, step_s: float) -> float:
+    smooth = savgol_filter(x, 2 * _half_width(SMOOTHING_S / step_s) + 1, ORDER)
+    return rounding_deviation(x, smooth)
 
 
 def _half_width(samples: float) -> int:

@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from calibration.axis.diagnose import diagnose_axis
+from calibration.axis.effects import ripple_limits
+from calibration.axis.likelihood import AxisLikelihood
+from calibration.axis.ripple import finest_period, strongest_periods
+from calibration.axis.signals import Signals
+from calibration.diagnosis.periodogram import SHORTEST_M
 from calibration.recording.axis_header import AxisFile
 from calibration.recording.axis_recording import AxisRecording
 
@@ -32,6 +39,7 @@ def noise(size, seed=1):
         1.02 * MOTOR,
         1.05 * MOTOR,
         np.round(MOTOR, 4) + 0.02,
+        np.round(MOTOR + 0.01234, 4),
     ],
 )
 def test_what_is_no_more_than_rounding_is_none(second):
@@ -72,3 +80,22 @@ def test_a_scale_within_its_uncertainty_says_nothing(second_scale_u):
     second = (1.0 + 2.0 * second_scale_u) * MOTOR + noise(1e-5)
     found = diagnose_axis(recording(MOTOR, second, second_scale_u=second_scale_u))
     assert (found.verdict, found.remarks) == ("none", ())
+
+
+def test_many_turns_take_no_more_memory_than_a_few():
+    """A ripple over tens of turns; a grid of micrometres over all of these would have a hundred million cells."""
+    motor = 2.0 * np.pi * 40.0 * TIME_S / TIME_S[-1]
+    signals = Signals.of(recording(motor, motor + 1e-3 * np.sin(motor / 0.7) + noise(1e-5)))
+    likelihood = AxisLikelihood.of(signals)
+    tracemalloc.start()
+    found = strongest_periods(likelihood, signals, *ripple_limits(signals))
+    _, most = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert most < 2e8
+    assert any(period == pytest.approx(2.0 * np.pi * 0.7, rel=5e-3) for period, _ in found)
+
+
+def test_a_grid_is_as_fine_as_ever_up_to_a_turn_and_beyond_as_fine_as_the_samples():
+    assert finest_period(2.0 * np.pi, 0.01) == SHORTEST_M
+    assert finest_period(628.0, 0.5) == 0.5
+    assert finest_period(628.0, 1e-9) > SHORTEST_M

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.signal import savgol_filter
 
 from calibration.axis.rounding import rounding_deviation, rounding_step
 
@@ -26,8 +27,15 @@ def test_without_a_grid_it_is_that_of_the_numbers():
     assert rounding_step(np.repeat([0.0, 1.0], 200)) == np.spacing(1.0)  # two values are no grid
 
 
-def test_deviation_of_a_difference():
-    rng = np.random.default_rng(1)
-    first, second = SMOOTH + 1e-3 * rng.random(900), SMOOTH
-    left = (np.round(first, 3) - first) - (np.round(second, 3) - second)
-    assert rounding_deviation(np.round(first, 3), np.round(second, 3)) == pytest.approx(float(np.std(left)), rel=0.1)
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+@pytest.mark.parametrize(
+    "place", [np.arange(900.0), np.abs(np.arange(900.0) - 450.0), np.minimum(np.arange(900.0), 600.0)]
+)
+def test_a_steady_motion_is_not_rounded(place, noise):
+    x = 0.25 * place + noise * np.random.default_rng(2).standard_normal(900)
+    assert rounding_deviation(x, savgol_filter(x, 7, 3)) < max(1.3 * noise, 2e-3)
+
+
+def test_deviation_of_rounded_values():
+    x = np.round(SMOOTH, 3)
+    assert rounding_deviation(x, savgol_filter(x, 7, 3)) == pytest.approx(float(np.std(x - SMOOTH)), rel=0.1)

@@ -9,7 +9,6 @@ __all__ = [
     "non_parametric",
     "result",
     "ripple",
-    "rounding",
     "scale",
     "search",
     "signals",

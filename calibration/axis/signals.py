@@ -11,8 +11,8 @@ from scipy.interpolate import CubicSpline, PPoly
 from scipy.ndimage import gaussian_filter1d
 from scipy.signal import savgol_filter
 
-from calibration.axis.rounding import rounding_deviation
 from calibration.base.arrays import Array
+from calibration.base.rounded_values import rounding_deviation
 from calibration.recording.axis_recording import AxisRecording
 
 MOST_SAMPLES = 6000  # more are averaged in groups: motion and wind-up are far slower
@@ -107,9 +107,10 @@ class Signals:
 
     @cached_property
     def resolution(self) -> float:
-        """Distance below which a reversal may be noise: a few deviations of the positions at their slowest."""
+        """Distance below which a reversal may be noise: a few deviations of slow positions from their motion."""
         rest = np.abs(self.velocity) <= np.quantile(np.abs(self.velocity), 0.1)
-        jitter = float(np.std(np.diff(self.position)[rest[1:]])) if np.any(rest[1:]) else 0.0
+        moved = np.diff(self.position) - 0.5 * self.step_s * (self.velocity[1:] + self.velocity[:-1])
+        jitter = float(np.std(moved[rest[1:]])) if np.any(rest[1:]) else 0.0
         return max(10.0 * jitter, 1e-5 * self.travel)
 
     @cached_property

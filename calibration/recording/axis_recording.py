@@ -19,6 +19,7 @@ from calibration.base.plain_file import read_text
 from calibration.base.toml_file import parse_toml
 from calibration.base.toml_text import to_toml
 from calibration.recording.axis_header import FORCES, LINEAR, ROTARY, SECONDS, TORQUES, AxisFile
+from calibration.recording.axis_wrong_samples import without_wrong_samples
 
 HEADER, SAMPLES = "axis.toml", "samples.csv"
 PAGE = "docs/reference/axis-recording.md"
@@ -76,7 +77,7 @@ def read_axis_folder(folder: Path) -> AxisRecording:
         if file.torque_side == "motor" and file.ratio is not None:
             torque = torque * file.ratio
         _check_size(path, "torque", torque, LARGEST_TORQUE, "Nm or N")
-    _check_motion(path, motor, second)
+    _check_motion(path, time_s, motor, second)
     return AxisRecording(file, time_s, motor, second, command, torque)
 
 
@@ -118,14 +119,15 @@ def _check_size(path: Path, name: str, column: Array | None, most: float, unit: 
         raise InputError(f"{path}: line {large[0] + 2}, column '{name}': more than {most:g} {unit}; check the unit")
 
 
-def _check_motion(path: Path, motor: Array, second: Array) -> None:
+def _check_motion(path: Path, time_s: Array, motor: Array, second: Array) -> None:
     centred = motor - motor.mean()
-    square = float(centred @ centred)
-    if not square > 0.0 or float(np.ptp(motor)) <= 1e-12 * float(np.max(np.abs(motor))):
+    if not float(centred @ centred) > 0.0 or float(np.ptp(motor)) <= 1e-12 * float(np.max(np.abs(motor))):
         raise InputError(f"{path}: the motor stands still; record a motion")
     if np.array_equal(motor, second):
         raise InputError(f"{path}: the second position is the motor's, value by value; record a second one")
-    slope = float(centred @ second) / square
+    mended, of_second, _ = without_wrong_samples(time_s, motor, second)
+    centred = mended - mended.mean()
+    slope = float(centred @ of_second) / float(centred @ centred)
     if not FOLLOWS[0] < slope < FOLLOWS[1]:
         raise InputError(
             f"{path}: the second position moves {slope:.3g} times as far as the motor's; state both on the load's side "

@@ -99,3 +99,23 @@ def test_a_grid_is_as_fine_as_ever_up_to_a_turn_and_beyond_as_fine_as_the_sample
     assert finest_period(2.0 * np.pi, 0.01) == SHORTEST_M
     assert finest_period(628.0, 0.5) == 0.5
     assert finest_period(628.0, 1e-9) > SHORTEST_M
+
+
+@pytest.mark.parametrize("of_motor", [False, True])
+def test_one_wrong_sample_hides_nothing(of_motor):
+    """Ten radians of one sample, where a play of a quarter of a milliradian is all there is."""
+    side, state = [], 0.0
+    for step in np.diff(MOTOR, prepend=MOTOR[0]):
+        state = min(1.0, max(-1.0, state + step / 2.5e-4))
+        side.append(state)
+    second = MOTOR - 2.5e-4 * np.array(side) + noise(2e-6)
+    spike = 10.0 * (np.arange(COUNT) == 200)
+    given = (MOTOR + spike, second) if of_motor else (MOTOR, second + spike)
+    clean, found = diagnose_axis(recording(MOTOR, second)), diagnose_axis(recording(*given))
+    assert found.verdict == clean.verdict
+    assert found.verdict in {"backlash", "coulomb"}
+    assert found.effects[0].size.value == pytest.approx(clean.effects[0].size.value, rel=0.05)
+    name = "motor" if of_motor else "second position"
+    assert f"1 wrong sample left out: at 4 s (10 rad off, {name})" in found.remarks
+    assert [(w.first, w.count, w.of_motor) for w in found.left_out] == [(200, 1, of_motor)]
+    assert clean.left_out == ()

@@ -117,6 +117,13 @@ def test_what_no_axis_does_is_refused(tmp_path, change, says):
     assert says in str(error.value)
 
 
+def test_one_wrong_sample_does_not_decide_which_side_a_position_is_of(tmp_path):
+    second = signals()["second_position"].copy()
+    second[100] += 1e5
+    write_axis_folder(HEADER, signals() | {"second_position": second}, tmp_path / "spike")
+    assert read_axis_folder(tmp_path / "spike").second[100] == pytest.approx(np.radians(second[100]))
+
+
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     which=st.sampled_from(["axis.toml", "samples.csv"]),

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.signal import savgol_filter
 
-from calibration.axis.rounding import rounding_deviation, rounding_step
+from calibration.base.rounded_values import rounding_deviation, rounding_step
 
 SMOOTH = 0.8 * np.sin(0.01 * np.arange(900.0)) + 0.1 * np.sin(0.037 * np.arange(900.0))
 

@@ -93,7 +93,7 @@ def test_a_scale_within_its_uncertainty_says_nothing(second_scale_u):
 
 def test_many_turns_take_no_more_memory_than_a_few():
     """A ripple over tens of turns; a grid of micrometres over all of these would have a hundred million cells."""
-    motor = 2.0 * np.pi * 40.0 * TIME_S / TIME_S[-1]
+    motor = 2.0 * np.pi * 20.0 * (TIME_S / TIME_S[-1] + 0.1 * np.sin(TIME_S))
     signals = Signals.of(recording(motor, motor + 1e-3 * np.sin(motor / 0.7) + noise(1e-5)))
     likelihood = AxisLikelihood.of(signals)
     tracemalloc.start()

@@ -9,6 +9,7 @@ __all__ = [
     "non_parametric",
     "result",
     "ripple",
+    "scale",
     "search",
     "signals",
     "smooth_function",

@@ -14,6 +14,7 @@ from calibration.axis.likelihood import AxisLikelihood
 from calibration.axis.model import AxisModel
 from calibration.axis.noise import cosines
 from calibration.axis.result import AxisDiagnosis, AxisEffectFound
+from calibration.axis.scale import Scale, with_free_scale
 from calibration.axis.search import AxisCause, AxisSearch, explain_effect, search_axis
 from calibration.axis.signals import Signals, samples_in_group
 from calibration.axis.smooth_function import smooth_function
@@ -24,21 +25,26 @@ from calibration.diagnosis.result import NONE, UNKNOWN, Quantity
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import verdict_probabilities
 from calibration.recording.axis_recording import AxisRecording
+from calibration.recording.axis_wrong_samples import WrongSamples, without_wrong_samples
 
 CLUES = 4
+MOST_TOLD = 5  # places of wrong samples in a remark
 # Tuned on simulated drives, whose reversals are sharper than a law.
 AXIS_VERDICT = replace(VERDICT, none_prior_log_odds=7.0, excess_share=0.1, strong_evidence=math.inf, u_of_form=0.04)
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effects' models are not exact
+ROUNDING = "the gap is no more than the rounding of the positions"
 NO_RATIO = "the ratio is not stated: a compliance counts per unit of the motor's torque"
 
 
 def diagnose_axis(recording: AxisRecording) -> AxisDiagnosis:
     """What makes the second position of an axis differ from its motor's, and how far the gap shrinks with it."""
+    motor, second, wrong = without_wrong_samples(recording.time_s, recording.motor, recording.second)
+    recording = replace(recording, motor=motor, second=second)
     signals = Signals.of(recording)
     command = recording.command
     following = None if command is None else following_delay(Signals.of_following(recording, command))
-    remarks = _remarks_on_recording(recording, len(signals))
-    return diagnose_signals(signals, recording.file.name, recording.file.simulated, following, remarks)
+    remarks = _remarks_on_recording(recording, len(signals), wrong)
+    return diagnose_signals(signals, recording.file.name, recording.file.simulated, following, remarks, wrong)
 
 
 def diagnose_signals(
@@ -47,9 +53,11 @@ def diagnose_signals(
     simulated: bool = False,
     following: Quantity | None = None,
     remarks: tuple[str, ...] = (),
+    left_out: tuple[WrongSamples, ...] = (),
 ) -> AxisDiagnosis:
     """The same of signals."""
-    search = search_axis(signals)
+    stated_u = signals.scale_u
+    signals, search = _with_stated_or_free_scale(signals)
     logs: dict[str, float] = {cause.effect.name: cause.log_evidence for cause in search.ranking}
     ranking = verdict_probabilities(logs, search.log_evidence, search.excess_log_evidence, AXIS_VERDICT)
     verdict = max(ranking, key=lambda effect: ranking[effect])
@@ -76,13 +84,35 @@ def diagnose_signals(
         noise=np.exp(0.5 * after.knots) * np.sqrt(2.0 * signals.step_s),
         remaining=after.remaining,
         model=_model(search.causes if is_effect else (), after, signals),
-        remarks=(*remarks, *_remarks(search, verdict)),
+        remarks=(*remarks, *_remarks_on_scale(search, after, signals, stated_u), *_remarks(search, verdict)),
+        left_out=left_out,
     )
 
 
-def _remarks_on_recording(recording: AxisRecording, used: int) -> tuple[str, ...]:
-    """What its header does not say, and what of its samples was averaged; used: samples after that."""
+def _with_stated_or_free_scale(signals: Signals) -> tuple[Signals, AxisSearch]:
+    """What explains the gap, and its signals: with a free scale of the second position where that is likelier."""
+    free = with_free_scale(signals)
+    if free is None:
+        return signals, search_axis(signals)
+    freed = search_axis(free)
+    if not freed.causes and freed.before.is_rounding(free):
+        return free, freed
+    stated = search_axis(signals)
+    likelier = freed.after.log_marginal > stated.after.log_marginal
+    return (free, freed) if likelier else (signals, stated)
+
+
+def _remarks_on_scale(search: AxisSearch, after: AxisLikelihood, signals: Signals, stated_u: float) -> tuple[str, ...]:
+    """That the scale is far off, and that there is nothing but rounding beside it."""
+    out = [] if signals.scale_u == stated_u else [Scale.of(after, signals, stated_u).remark]
+    return (*out, ROUNDING) if search.before.is_rounding(signals) else tuple(out)
+
+
+def _remarks_on_recording(recording: AxisRecording, used: int, wrong: tuple[WrongSamples, ...] = ()) -> tuple[str, ...]:
+    """What its header does not say, what of its samples is wrong or was averaged; used: samples after that."""
     out = []
+    if wrong:
+        out.append(_left_out_remark(wrong, recording.file.unit))
     if recording.file.torque_side == "motor" and recording.file.ratio is None:
         out.append(NO_RATIO)
     if (group := samples_in_group(recording)) > 1:
@@ -91,6 +121,18 @@ def _remarks_on_recording(recording: AxisRecording, used: int) -> tuple[str, ...
             f"{group * recording.step_s:.3g} s: the gap of a shorter recording is looked at sample by sample"
         )
     return tuple(out)
+
+
+def _left_out_remark(wrong: tuple[WrongSamples, ...], unit: str) -> str:
+    """How many samples are left out, and where the first are."""
+    count = sum(w.count for w in wrong)
+    told = []
+    for w in wrong[:MOST_TOLD]:
+        of = "motor" if w.of_motor else "second position"
+        told.append(f"at {w.time_s:.6g} s ({abs(w.off):.3g} {unit} off, {of})")
+    if len(wrong) > MOST_TOLD:
+        told.append(f"and at {len(wrong) - MOST_TOLD} more")
+    return f"{count} wrong sample{'s' if count > 1 else ''} left out: {', '.join(told)}"
 
 
 def following_delay(signals: Signals) -> Quantity:
@@ -219,7 +261,7 @@ def _frequencies(likelihood: AxisLikelihood, step_s: float) -> Array:
 def _model(causes: tuple[AxisCause, ...], after: AxisLikelihood, signals: Signals) -> AxisModel:
     laws = tuple(law for cause in causes for law in cause.explanation.laws)
     prior = np.concatenate([cause.explanation.prior_deviations for cause in causes] or [np.empty(0)])
-    scale = float(after.coefficients[0]) * signals.scale_u
+    scale = Scale.of(after, signals, signals.scale_u).value
     return AxisModel(scale, float(signals.position.mean()), laws, after.coefficients[1:] * prior)
 
 

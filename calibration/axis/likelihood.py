@@ -29,7 +29,8 @@ ROUNDS = 12
 SETTLED = 0.02  # change of log evidence
 MOST_FITTED = 3  # basis sets whose noise is fitted: those with the most evidence, and those closest to the gap
 RIDGE = 1e-9
-EXACT = 1e-10  # of the travel: noise below that no encoder has, and a gap of zero would have none
+EXACT = 1e-10  # of the travel, and at most in rad or m: noise below that no encoder has
+ROUNDED = 1.25  # times its expected RMS, up to which a gap is rounding: that of a mere offset, rounded, is 1.22
 
 
 @dataclass(frozen=True)
@@ -66,9 +67,15 @@ class AxisLikelihood:
         """Without any effect: offset and scale of the second position, and noise."""
         gap = cosines(signals.gap)
         scale = cosines((signals.position - signals.position.mean())[:, None]) * signals.scale_u
-        shape = NoiseShape.of(len(gap), (EXACT * signals.travel) ** 2)
+        shape = NoiseShape.of(len(gap), least_noise(signals) ** 2)
         start = cls(gap, scale, shape, shape.fit(gap**2))
         return start.settled()
+
+    def is_rounding(self, signals: Signals) -> bool:
+        """Whether all that the model leaves may be rounding of the positions, and what smoothing does to a scale."""
+        slope = signals.slope + float(self.coefficients[0]) * signals.scale_u
+        level = max(least_noise(signals), abs(slope) * signals.smoothed_off)
+        return float(np.sqrt(np.mean(self.remaining**2))) <= ROUNDED * level
 
     def settled(self) -> AxisLikelihood:
         """The same with the noise that fits it best."""
@@ -93,10 +100,24 @@ class AxisLikelihood:
         return self.shape.power(self.knots)
 
     @cached_property
+    def root(self) -> Array:
+        """Root (j, j) of the covariance of the model's coefficients over their prior deviations: root @ root.T is it.
+
+        Of a gap without noise the information may be too large for its prior, a one, to count beside it.
+        """
+        information = np.eye(self.model.shape[1]) + self.model.T @ (self.model / self.power[:, None])
+        scale = 1.0 / np.sqrt(np.diag(information))
+        scaled = information * np.outer(scale, scale)
+        try:
+            factor = np.linalg.cholesky(scaled)
+        except np.linalg.LinAlgError:
+            factor = np.linalg.cholesky(scaled + RIDGE * np.eye(len(scaled)))
+        return np.asarray(scale[:, None] * np.linalg.inv(factor).T)
+
+    @cached_property
     def covariance(self) -> Array:
         """Covariance (j, j) of the model's coefficients over their prior deviations."""
-        count = self.model.shape[1]
-        return np.asarray(np.linalg.inv(np.eye(count) + self.model.T @ (self.model / self.power[:, None])))
+        return np.asarray(self.root @ self.root.T)
 
     @cached_property
     def coefficients(self) -> Array:
@@ -124,8 +145,7 @@ class AxisLikelihood:
 
     def expected_squares(self) -> Array:
         """Expected squares (c,) of the noise, coefficients being as uncertain as they are."""
-        factor = self.model @ np.linalg.cholesky(self.covariance)
-        return np.asarray(self.residual**2 + np.sum(factor**2, axis=1))
+        return np.asarray(self.residual**2 + np.sum((self.model @ self.root) ** 2, axis=1))
 
     def information_and_score(self, columns: Array) -> InformationAndScore:
         """Information and score of cosines of columns (c, k), the model's own coefficients projected out."""
@@ -198,6 +218,11 @@ class AxisLikelihood:
         self, columns: Array, sets: Sequence[BasisSet], low: float, high: float
     ) -> Sequence[BasisSetEvidence]:
         return evidence_of_basis_sets(self.information_and_score(columns), sets, low, high)
+
+
+def least_noise(signals: Signals) -> float:
+    """Standard deviation of noise that every gap has: a gap of zero would have none."""
+    return max(EXACT * min(signals.travel, 1.0), signals.rounding)
 
 
 def _weights(built: LawSets) -> Array:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from calibration.axis.model import AxisModel
 from calibration.base.arrays import Array
 from calibration.diagnosis.result import Quantity
+from calibration.recording.axis_wrong_samples import WrongSamples
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class AxisDiagnosis:
     main one first. ranking: probability by name of being the main cause. following_delay: by how much the motor is
     later than the command, where that was recorded. clues: share by coordinate of an unknown effect. frequency_hz,
     noise: density of the noise left, unit per root Hz. model: predicts the gap of other recordings of the drive.
+    left_out: wrong samples, in the order of time.
     """
 
     recording: str
@@ -65,3 +67,4 @@ class AxisDiagnosis:
     remaining: Array
     model: AxisModel
     remarks: tuple[str, ...] = ()
+    left_out: tuple[WrongSamples, ...] = ()

@@ -73,6 +73,8 @@ class AxisSearch:
 def search_axis(signals: Signals) -> AxisSearch:
     """Include effects as long as each adds enough evidence; then find the main one and compare with alternatives."""
     before = AxisLikelihood.of(signals)
+    if before.is_rounding(signals):
+        return _nothing(before, (), {})
     causes: list[AxisCause] = []
     current, explained = before, 0.0
     ranked = _ranked(before, signals)
@@ -85,20 +87,7 @@ def search_axis(signals: Signals) -> AxisSearch:
     if not causes:
         ranking = tuple(_ranked(before, signals))
         alternatives = _alternatives(before, signals)
-        excess = max(0.0, max(alternatives.values()) - max((c.log_evidence for c in ranking), default=0.0))
-        return AxisSearch(
-            causes=(),
-            before=before,
-            after=before,
-            slot=before,
-            ranking=ranking,
-            without=(),
-            log_evidence=0.0,
-            excess_log_evidence=excess,
-            alternatives=alternatives,
-            excluded=_excluded(ranking),
-            in_place=alternatives,
-        )
+        return _nothing(before, ranking, alternatives)
     without = _without_each(before, causes)
     first = int(np.argmax(without))
     others = [cause for i, cause in enumerate(causes) if i != first]
@@ -122,6 +111,24 @@ def search_axis(signals: Signals) -> AxisSearch:
         alternatives=alternatives,
         excluded=_excluded(ranking),
         in_place=in_place,
+    )
+
+
+def _nothing(before: AxisLikelihood, ranking: tuple[AxisCause, ...], alternatives: Mapping[str, float]) -> AxisSearch:
+    """Without any cause."""
+    most = max((cause.log_evidence for cause in ranking), default=0.0)
+    return AxisSearch(
+        causes=(),
+        before=before,
+        after=before,
+        slot=before,
+        ranking=ranking,
+        without=(),
+        log_evidence=0.0,
+        excess_log_evidence=max(0.0, max(alternatives.values(), default=0.0) - most),
+        alternatives=alternatives,
+        excluded=_excluded(ranking),
+        in_place=alternatives,
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -11,6 +12,7 @@ from scipy.ndimage import gaussian_filter1d
 from scipy.signal import savgol_filter
 
 from calibration.base.arrays import Array
+from calibration.base.rounded_values import rounding_deviation
 from calibration.recording.axis_recording import AxisRecording
 
 MOST_SAMPLES = 6000  # more are averaged in groups: motion and wind-up are far slower
@@ -26,7 +28,9 @@ class Signals:
 
     gap: second position less the motor's. position, velocity, acceleration: of the motor, smoothed. torque: smoothed.
     unit: of positions; load_unit: of the torque. scale_u: standard uncertainty of the second position's scale.
-    torque_of_motor: whether the torque is the motor's, part of which accelerates the motor.
+    torque_of_motor: whether the torque is the motor's, part of which accelerates the motor. rounding: standard
+    deviation that the rounding of the values leaves in the gap; smoothed_off: RMS of what smoothing takes off the
+    position. slope: scale of the second position, less one, that is no longer in the gap.
     """
 
     step_s: float
@@ -39,6 +43,9 @@ class Signals:
     load_unit: str
     scale_u: float
     torque_of_motor: bool = False
+    rounding: float = 0.0
+    smoothed_off: float = 0.0
+    slope: float = 0.0
 
     @classmethod
     def of(cls, recording: AxisRecording) -> Signals:
@@ -53,15 +60,17 @@ class Signals:
     @classmethod
     def _between(cls, recording: AxisRecording, first: Array, second: Array) -> Signals:
         group = samples_in_group(recording)
+        rounding = math.hypot(*(_rounding(x, recording.step_s) for x in (first, second))) / math.sqrt(group)
         first, second = _averaged(first, group), _averaged(second, group)
         torque = None if recording.torque is None else _averaged(recording.torque, group)
         step = recording.step_s * group
         narrow = _half_width(SMOOTHING_S / step)
         wide = _half_width(2.0 * SMOOTHING_S / step)
+        position = savgol_filter(first, 2 * narrow + 1, ORDER)
         return cls(
             step_s=step,
             gap=second - first,
-            position=savgol_filter(first, 2 * narrow + 1, ORDER),
+            position=position,
             velocity=savgol_filter(first, 2 * narrow + 1, ORDER, deriv=1, delta=step),
             acceleration=savgol_filter(first, 2 * wide + 1, ORDER, deriv=2, delta=step),
             torque=None if torque is None else savgol_filter(torque, 2 * narrow + 1, ORDER),
@@ -69,6 +78,8 @@ class Signals:
             load_unit=recording.file.load_unit,
             scale_u=recording.file.second_scale_u,
             torque_of_motor=recording.file.torque_side == "motor",
+            rounding=rounding,
+            smoothed_off=float(np.sqrt(np.mean((first - position) ** 2))),
         )
 
     def __len__(self) -> int:
@@ -96,9 +107,10 @@ class Signals:
 
     @cached_property
     def resolution(self) -> float:
-        """Distance below which a reversal may be noise: a few deviations of the positions at their slowest."""
+        """Distance below which a reversal may be noise: a few deviations of slow positions from their motion."""
         rest = np.abs(self.velocity) <= np.quantile(np.abs(self.velocity), 0.1)
-        jitter = float(np.std(np.diff(self.position)[rest[1:]])) if np.any(rest[1:]) else 0.0
+        moved = np.diff(self.position) - 0.5 * self.step_s * (self.velocity[1:] + self.velocity[:-1])
+        jitter = float(np.std(moved[rest[1:]])) if np.any(rest[1:]) else 0.0
         return max(10.0 * jitter, 1e-5 * self.travel)
 
     @cached_property
@@ -172,6 +184,11 @@ def _averaged(x: Array, group: int) -> Array:
         return x
     whole = len(x) // group * group
     return np.asarray(x[:whole].reshape(-1, group).mean(axis=1))
+
+
+def _rounding(x: Array, step_s: float) -> float:
+    smooth = savgol_filter(x, 2 * _half_width(SMOOTHING_S / step_s) + 1, ORDER)
+    return rounding_deviation(x, smooth)
 
 
 def _half_width(samples: float) -> int:

@@ -8,6 +8,7 @@ __all__ = [
     "outliers",
     "plain_file",
     "rotation",
+    "rounded_values",
     "rounding",
     "text_bounds",
     "toml_file",

@@ -3,6 +3,7 @@
 __all__ = [
     "axis_header",
     "axis_recording",
+    "axis_wrong_samples",
     "columns",
     "delta_printer",
     "folder",

@@ -19,6 +19,7 @@ from calibration.base.plain_file import read_text
 from calibration.base.toml_file import parse_toml
 from calibration.base.toml_text import to_toml
 from calibration.recording.axis_header import FORCES, LINEAR, ROTARY, SECONDS, TORQUES, AxisFile
+from calibration.recording.axis_wrong_samples import without_wrong_samples
 
 HEADER, SAMPLES = "axis.toml", "samples.csv"
 PAGE = "docs/reference/axis-recording.md"
@@ -64,7 +65,7 @@ def read_axis_folder(folder: Path) -> AxisRecording:
         missing = "torque_unit and torque_side" if "torque" in table else f"column 'torque' in {SAMPLES}"
         raise InputError(f"{header}: torque is there without {missing}; give both or none ({PAGE})")
     positions = (ROTARY if file.kind == "rotary" else LINEAR)[file.position_unit]
-    time_s = table["time"] * SECONDS[file.time_unit]
+    time_s = (table["time"] - table["time"][0]) * SECONDS[file.time_unit]  # of whatever clock
     _check_time(path, time_s)
     motor, second = table["motor_position"] * positions, table["second_position"] * positions
     command = table["command"] * positions if "command" in table else None
@@ -76,8 +77,8 @@ def read_axis_folder(folder: Path) -> AxisRecording:
         if file.torque_side == "motor" and file.ratio is not None:
             torque = torque * file.ratio
         _check_size(path, "torque", torque, LARGEST_TORQUE, "Nm or N")
-    _check_motion(path, motor, second)
-    return AxisRecording(file, time_s - time_s[0], motor, second, command, torque)
+    _check_motion(path, time_s, motor, second)
+    return AxisRecording(file, time_s, motor, second, command, torque)
 
 
 def write_axis_folder(file: AxisFile, columns: dict[str, Array], folder: Path) -> None:
@@ -101,7 +102,7 @@ def write_axis_folder(file: AxisFile, columns: dict[str, Array], folder: Path) -
 def _check_time(path: Path, time_s: Array) -> None:
     if len(time_s) < LEAST_SAMPLES:
         raise InputError(f"{path}: {len(time_s)} samples; it needs at least {LEAST_SAMPLES}")
-    _check_size(path, "time", time_s, LONGEST_S, "s")
+    _check_size(path, "time", time_s, LONGEST_S, "s after the first")
     steps = np.diff(time_s)
     if (back := np.flatnonzero(steps <= 0.0)).size:
         raise InputError(f"{path}: line {back[0] + 3}: time does not rise; remove what was recorded twice")
@@ -118,14 +119,15 @@ def _check_size(path: Path, name: str, column: Array | None, most: float, unit: 
         raise InputError(f"{path}: line {large[0] + 2}, column '{name}': more than {most:g} {unit}; check the unit")
 
 
-def _check_motion(path: Path, motor: Array, second: Array) -> None:
+def _check_motion(path: Path, time_s: Array, motor: Array, second: Array) -> None:
     centred = motor - motor.mean()
-    square = float(centred @ centred)
-    if not square > 0.0 or float(np.ptp(motor)) <= 1e-12 * float(np.max(np.abs(motor))):
+    if not float(centred @ centred) > 0.0 or float(np.ptp(motor)) <= 1e-12 * float(np.max(np.abs(motor))):
         raise InputError(f"{path}: the motor stands still; record a motion")
     if np.array_equal(motor, second):
         raise InputError(f"{path}: the second position is the motor's, value by value; record a second one")
-    slope = float(centred @ second) / square
+    mended, of_second, _ = without_wrong_samples(time_s, motor, second)
+    centred = mended - mended.mean()
+    slope = float(centred @ of_second) / float(centred @ centred)
     if not FOLLOWS[0] < slope < FOLLOWS[1]:
         raise InputError(
             f"{path}: the second position moves {slope:.3g} times as far as the motor's; state both on the load's side "

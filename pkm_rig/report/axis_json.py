@@ -39,6 +39,15 @@ def axis_json(diagnosis: AxisDiagnosis) -> dict[str, Any]:
             "density_per_sqrt_hz": [_number(float(x)) for x in diagnosis.noise],
         },
         "remarks": list(diagnosis.remarks),
+        "left_out": [
+            {
+                "time_s": _number(wrong.time_s),
+                "samples": wrong.count,
+                "position": "motor" if wrong.of_motor else "second",
+                "off": _number(wrong.off),
+            }
+            for wrong in diagnosis.left_out
+        ],
     }
 
 

@@ -12,6 +12,7 @@ from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.diagnosis.verdict import verdict_probabilities
 from calibration.recording.axis_header import AxisFile
 from calibration.recording.axis_recording import AxisRecording
+from calibration.recording.axis_wrong_samples import WrongSamples
 
 
 def remarks_on(monkeypatch, count: int = 400, **header: object) -> tuple[str, ...]:
@@ -20,7 +21,7 @@ def remarks_on(monkeypatch, count: int = 400, **header: object) -> tuple[str, ..
     motor = np.sin(3.0 * time_s)
     units = {"kind": "rotary", "time_unit": "s", "position_unit": "rad", "torque_unit": "Nm", "torque_side": "motor"}
     file = AxisFile(format=1, name="mock", **units | header)
-    monkeypatch.setattr(diagnose, "diagnose_signals", lambda _, __, ___, ____, remarks: remarks)
+    monkeypatch.setattr(diagnose, "diagnose_signals", lambda _, __, ___, ____, remarks, _____: remarks)
     return diagnose.diagnose_axis(AxisRecording(file, time_s, motor, motor + 1e-5, torque=np.cos(time_s)))
 
 
@@ -36,6 +37,15 @@ def test_samples_that_are_averaged_are_told_with_how_many_they_become(monkeypatc
     (said,) = remarks_on(monkeypatch, 13_000, ratio=1.0)
     assert "to save time the 13000 samples were averaged to 4333, 3 at a time, one every 0.003 s" in said
     assert remarks_on(monkeypatch, 6_000, ratio=1.0) == ()
+
+
+def test_five_places_of_wrong_samples_are_told():
+    wrong = [WrongSamples(10 * i, 2, 0.1 * i, -3e-4, of_motor=i == 1) for i in range(7)]
+    said = diagnose._left_out_remark(tuple(wrong), "m")
+    assert said.startswith(
+        "14 wrong samples left out: at 0 s (0.0003 m off, second position), at 0.1 s (0.0003 m off, motor)"
+    )
+    assert said.endswith("at 0.4 s (0.0003 m off, second position), and at 2 more")
 
 
 def searched(

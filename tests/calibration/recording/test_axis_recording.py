@@ -117,6 +117,13 @@ def test_what_no_axis_does_is_refused(tmp_path, change, says):
     assert says in str(error.value)
 
 
+def test_one_wrong_sample_does_not_decide_which_side_a_position_is_of(tmp_path):
+    second = signals()["second_position"].copy()
+    second[100] += 1e5
+    write_axis_folder(HEADER, signals() | {"second_position": second}, tmp_path / "spike")
+    assert read_axis_folder(tmp_path / "spike").second[100] == pytest.approx(np.radians(second[100]))
+
+
 @settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     which=st.sampled_from(["axis.toml", "samples.csv"]),
@@ -138,3 +145,24 @@ def test_any_content_is_a_recording_or_one_line(tmp_path, which, place, dropped,
         return
     assert all(np.all(np.isfinite(x)) for x in (read.time_s, read.motor, read.second, read.command, read.torque))
     assert np.all(np.diff(read.time_s) > 0.0)
+
+
+@pytest.mark.parametrize(("start", "unit", "per_s"), [(1.76e9, "s", 1.0), (1.76e15, "us", 1e6), (-1e8, "s", 1.0)])
+def test_time_may_be_that_of_a_clock(tmp_path, start, unit, per_s):
+    """Seconds since 1970 are more than any recording lasts; what is limited is how long one lasts."""
+    write_axis_folder(
+        HEADER.model_copy(update={"time_unit": unit}),
+        signals() | {"time": start + 1e-3 * TIME * per_s},
+        tmp_path / "unix",
+    )
+    read = read_axis_folder(tmp_path / "unix")
+    assert read.time_s[0] == 0.0
+    assert read.step_s == pytest.approx(0.004, rel=1e-3)
+
+
+def test_what_lasts_too_long_has_another_unit(tmp_path):
+    write_axis_folder(
+        HEADER.model_copy(update={"time_unit": "s"}), signals() | {"time": 1.76e9 + 1e5 * TIME}, tmp_path / "long"
+    )
+    with pytest.raises(InputError, match=r"line 28, column 'time': more than 1e\+07 s after the first; check the unit"):
+        read_axis_folder(tmp_path / "long")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.withheld.baselines import residuals_after_identification
+from calibration.instruments.station_geometry import whitening
 from calibration.recording.folder import read_folder, write_folder
 from calibration.recording.recording import Recording
 
@@ -33,7 +34,7 @@ def replace_all(recordings: Path, seed: int) -> int:
 
 def noise_only(recording: Recording, rng: np.random.Generator) -> Recording:
     """The same campaign on a machine that is exactly as identified."""
-    spread = np.linalg.cholesky(recording.covariances_m2)
+    spread = np.linalg.inv(whitening(recording.covariances_m2, recording.positions_m))
     position = recording.positions_m.copy()
     on_pose = np.asarray(recording["phase"]) != "nests"
     # Residuals are whitened differences, model minus measured.

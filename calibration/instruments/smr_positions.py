@@ -213,7 +213,7 @@ class SmrPositions:
 
     def with_noise(self, white: Array) -> SmrPositions:
         """Positions with whitened noise (r, 3) added."""
-        shift = np.einsum("rij,rj->ri", np.linalg.cholesky(self.observations.covariance_m2), white)
+        shift = np.linalg.solve(self.whiten, white[:, :, None])[:, :, 0]
         return SmrPositions(replace(self.observations, position_m=self.observations.position_m + shift), self.station)
 
     def compare(

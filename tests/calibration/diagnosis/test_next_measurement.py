@@ -135,7 +135,7 @@ def test_only_what_differs_from_the_nearest_measured_visit_tells_anything(small)
     response = _ChannelResponse(small, observed, rows, np.zeros(len(rows), dtype=np.intp))
     everywhere = (("smr.P1.x", np.full(len(small.visit) + len(rows), 1e-5)),)
     assert np.all(response(everywhere) == 0.0)
-    sigma_m = np.sqrt(np.median(small.recording.covariances_m2[small.rows][:, 0, 0]))
+    sigma_m = np.median(np.linalg.det(small.recording.covariances_m2[small.rows]) ** (1.0 / 6.0))
     size = np.linalg.norm(response(everywhere, absolute=True).reshape(-1, 3), axis=1)
     assert size == pytest.approx(1e-5 / sigma_m, rel=0.2)
 

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from calibration.instruments import station_geometry
+from calibration.instruments.smr_positions import SmrPositions
 
 STATED = station_geometry.StationAccuracy(2.4e-6, 1.0e-4, 1.0e-4, 1.0e-6)
 
@@ -78,3 +79,20 @@ def test_no_number_of_readings_ties_the_range_constant_better_than_the_certifica
     by_certificate = certificate_u_m / slope
     assert u == pytest.approx(1.0 / np.hypot(1.0 / by_certificate, 1.0 / 1e-4), rel=1e-3)
     assert estimate == pytest.approx(7e-5 * (u / by_certificate) ** 2, rel=1e-3)
+
+
+def test_whitened_noise_that_is_added_is_what_the_readings_are_off_by(synthetic):
+    """Residuals that are put back, as in repetitions of a fit, are the same numbers then; the first is along the sight."""
+    rig = synthetic(6)
+    readings = SmrPositions(rig.see(rig.visits(rig.workspace(6), np.zeros(6))), rig.station)
+    poses = rig.model.predict(rig.truth[: len(rig.model)], readings.observations.visits)
+    own = rig.truth[rig.layout.instrument_slices[0]]
+    white = np.random.default_rng(6).standard_normal((len(readings), 3))
+    before, after = (
+        each.compare(poses, each.observations.visit[:, None], own).residual
+        for each in (readings, readings.with_noise(white))
+    )
+    np.testing.assert_allclose(before - after, white, atol=1e-3)  # the line of sight turns with the noise
+    sight = readings.observations.position_m
+    along = np.einsum("rij,rj->ri", readings.whiten, sight / np.linalg.norm(sight, axis=1)[:, None])
+    assert np.all(along[:, 0] > 100.0 * np.abs(along[:, 1:]).max(axis=1))

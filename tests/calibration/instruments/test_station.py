@@ -82,7 +82,7 @@ def test_no_number_of_readings_ties_the_range_constant_better_than_the_certifica
 
 
 def test_whitened_noise_that_is_added_is_what_the_readings_are_off_by(synthetic):
-    """Residuals that are put back, as in repetitions of a fit, are the same numbers then; the first is along the sight."""
+    """Residuals that are put back, as in repetitions of a fit, are the same numbers; the first is along the sight."""
     rig = synthetic(6)
     readings = SmrPositions(rig.see(rig.visits(rig.workspace(6), np.zeros(6))), rig.station)
     poses = rig.model.predict(rig.truth[: len(rig.model)], readings.observations.visits)

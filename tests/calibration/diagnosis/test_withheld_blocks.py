@@ -225,9 +225,11 @@ def test_the_noise_floor_counts_visits_not_readings(readings):
     read = np.repeat(stops, readings, axis=0) + within.reshape(-1, 2)
     means = stops.reshape(100, 4, 2)
     expected = np.sqrt(np.sum((means - means.mean(axis=1, keepdims=True)) ** 2) / (100 * 3 * 2))
+    twice, number = rng.normal(0.0, 1e-5, (2, 2)), np.arange(400, 402)  # a place of two stops counts nothing
+    read, visit, place = np.concatenate([read, twice]), np.append(visit, number), np.append(place, [100, 100])
     order = rng.permutation(len(read))
     assert scatter_over_visits(read[order], place[order, None], visit[order]) == pytest.approx(expected)
-    in_twos = np.repeat(np.arange(400) // 2, readings)
+    in_twos = visit // 2
     assert scatter_over_visits(read, in_twos[:, None], visit) is None
 
 

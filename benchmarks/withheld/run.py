@@ -220,7 +220,7 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         action="store_true",
         help="append the catalogue's hash to the log, before new final forms come",
     )
-    parser.add_argument("--n", type=int, default=0, help=f"cases in all; {sum(FULL.values())} if left out")
+    parser.add_argument("--n", type=int, help=f"cases in all; {sum(FULL.values())} if left out")
     parser.add_argument("--kinds", default="", help=f"some of {', '.join(FULL)}, separated by commas")
     parser.add_argument("--out", type=Path, help="folder of the run")
     parser.add_argument("--lanes", type=int, default=2, help="makers and diagnosers at work side by side")
@@ -244,8 +244,11 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         parser.error(f"unknown kind '{min(unknown)}'; known: {', '.join(FULL)}")
     if unknown := set(options.resembling) - set(CATALOGUE):
         parser.error(f"unknown effect '{min(unknown)}'; known: {', '.join(CATALOGUE)}")
-    if options.n < 0 or options.lanes < 1 or (options.seed or 0) < 0:
-        parser.error("--n and --seed must not be negative, --lanes not below 1")
+    if options.n is not None and options.n < 1:
+        parser.error(f"--n is {options.n}; give the number of cases, 1 or more, or leave it out for all")
+    options.n = options.n or 0  # all
+    if options.lanes < 1 or (options.seed or 0) < 0:
+        parser.error("--seed must not be negative, --lanes not below 1")
     if options.noise and options.final:
         parser.error("--noise is no final run; give a --seed")
     if options.final and not options.sealed:

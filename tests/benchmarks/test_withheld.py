@@ -13,10 +13,7 @@ import pytest
 
 from benchmarks.withheld import lane, over_the_wire, run
 from benchmarks.withheld.cases import DECLARED, Slot
-from benchmarks.withheld.diagnoser import REAL, loaded
 from benchmarks.withheld.maker import Maker
-from benchmarks.withheld.making import make_case
-from benchmarks.withheld.noise import noise_only
 from benchmarks.withheld.score_rows import answerable, overall_right
 from benchmarks.withheld.scorer import Tampered, achieved, fixed_answers, score_batch
 from benchmarks.withheld.second_round import MORE, longer_recordings
@@ -24,7 +21,7 @@ from benchmarks.withheld.sizes import platform_rows
 from calibration.recording.folder import read_folder
 from mock_devices.effects import CATALOGUE, OUTSIDE, OUTSIDE_FINAL
 from mock_devices.recordings.files import write_recording
-from tests.benchmarks.withheld_cases import DECOY, EFFECT, NEXT, NULL, OUT, REMOVED, UNDECLARED, case_of, designs
+from tests.benchmarks.withheld_cases import DECOY, EFFECT, NEXT, NULL, OUT, REMOVED, UNDECLARED, case_of
 
 STAND_IN = "stand_in:diagnose"
 RESEMBLING = ("backlash", "tracker_drift")  # those that the tests below make themselves
@@ -129,6 +126,9 @@ def test_a_final_run_looks_among_all_effects_for_those_that_resemble_the_true_on
     with pytest.raises(SystemExit, match="2"):
         run.main(["--seed", "1", "--resembling", "slack", "--out", str(tmp_path), "--log", str(log)])
     assert "unknown effect 'slack'" in capsys.readouterr().err
+    with pytest.raises(SystemExit, match="2"):
+        run.main(["--seed", "1", "--n", "0", "--out", str(tmp_path), "--log", str(log)])
+    assert "--n is 0; give the number of cases" in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
 
 
@@ -330,23 +330,3 @@ def test_a_small_run_of_the_real_diagnosis(tmp_path, capsys):
     document = json.loads((tmp_path / "out" / "results.json").read_text())
     assert document["cases"] == 2
     assert "one diagnosis, median" in capsys.readouterr().out
-
-
-@pytest.mark.parametrize(
-    ("function", "names", "at_least"),
-    [(STAND_IN, CATALOGUE[::3], 1), (REAL, ("backlash", "smr_reseat"), 2)],
-    ids=["stand-in", "real"],
-)
-def test_noise_in_place_of_readings_tells_nothing(tmp_path, function, names, at_least):
-    diagnose = loaded(function)
-    slots = [Slot(f"effect-{k}", "effect", (name,), (5.0,)) for k, name in enumerate(names)]
-    named = before = 0
-    for number, slot in enumerate(slots):
-        case = make_case(slot, np.random.default_rng([6, number]), designs(), final=False)
-        write_recording(case.recording, tmp_path / slot.key)
-        recording = read_folder(tmp_path / slot.key)
-        before += diagnose(recording, ()).verdict == slot.effects[0]
-        noise = noise_only(recording, np.random.default_rng(number))
-        named += diagnose(noise, ()).verdict == slot.effects[0]
-    assert before >= at_least
-    assert named <= len(names) // 10  # chance would name one of twenty

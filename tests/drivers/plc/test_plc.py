@@ -244,7 +244,7 @@ def test_a_peer_that_does_not_answer() -> None:
         plc = Plc(
             TcpLine("127.0.0.1", listener.getsockname()[1]),
             clock=CountingClock(),
-            timing=PlcTiming(reply_timeout_s=0.05),
+            timing=PlcTiming(reply_timeout_s=0.5),
         )
         with pytest.raises(NoAnswer, match="no answer"):
             plc.connect()
@@ -253,7 +253,7 @@ def test_a_peer_that_does_not_answer() -> None:
 def test_leaving_during_a_request_waits_for_its_end() -> None:
     with socket.create_server(("127.0.0.1", 0)) as listener:  # answers nothing
         port = listener.getsockname()[1]
-        plc = Plc(TcpLine("127.0.0.1", port), clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.1))
+        plc = Plc(TcpLine("127.0.0.1", port), clock=CountingClock(), timing=PlcTiming(reply_timeout_s=0.5))
         failures: list[Exception] = []
 
         def connect() -> None:

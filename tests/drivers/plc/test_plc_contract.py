@@ -26,6 +26,7 @@ from pkm_rig.rig.clock import VirtualClock
 from tests.mock_devices.standing import StandingPlant
 
 MACHINE = Path(calibration.__file__).parent / "machine" / "data" / "planar4.toml"
+TIMING = PlcTiming()  # host time, for connecting too: on a busy machine that may take half a second
 ON_EVERY_LINE = ("modbus-exception", "modbus-short", "modbus-stuck-coil", "modbus-stale-heartbeat")
 
 READINGS = (
@@ -59,7 +60,7 @@ class Bench:
             "rtu": lambda: RtuLine(self.server.serial_port, parity="N"),
         }
         self.line = lines[kind]()
-        self.plc = Plc(self.line, clock=self.clock, timing=PlcTiming(reply_timeout_s=0.3))
+        self.plc = Plc(self.line, clock=self.clock, timing=TIMING)
 
     def close(self) -> None:
         self.plc.close()
@@ -92,7 +93,7 @@ def test_values_interlocks_and_both_heartbeats(bench: Bench) -> None:
 def test_a_coolant_temperature_that_follows_the_machine(bench: Bench) -> None:
     bench.plc.connect()
     registers = RegisterMap(readings={"coolant": COOLANT, "oil": OIL})
-    plc = Plc(bench.line, register_map=registers, clock=bench.clock, timing=PlcTiming(reply_timeout_s=0.3))
+    plc = Plc(bench.line, register_map=registers, clock=bench.clock, timing=TIMING)
     bench.plc.close()
     plc.connect().require_safe()
     first = plc.read().readings
@@ -159,7 +160,7 @@ def test_a_certificate_of_somebody_else_is_refused(tmp_path: Path) -> None:
     trustme.CA().cert_pem.write_to_path(tmp_path / "ca.pem")
     said = "TLS: the PLC's certificate is refused: .*; check the certificate files"
     with bench.clock.activity(), pytest.raises(ConnectionFailed, match=said):
-        Plc(bench.line, clock=bench.clock, timing=PlcTiming(reply_timeout_s=0.3)).connect()
+        Plc(bench.line, clock=bench.clock, timing=TIMING).connect()
     bench.close()
 
 

@@ -14,11 +14,10 @@ from calibration.effects.basis_functions import fourier_basis, random_walk_basis
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S, AccuracyEntry, DisturbanceLevels
 
 STRUT_WEIGHT_SHARE = 0.05  # of the moving mass: standard deviation of a strut's own weight at its platform joint
-WALK_TERMS = 14
-LARGE_DRIFT_M, LARGE_DRIFT_TERMS = 8.0e-6, 24  # a stronger drift is resolved more finely
-WAVE_PAIRS = 5
-LARGE_WANDER_K, LARGE_WANDER_PAIRS = 0.05, 8
+# What of a disturbance is finer than its columns looks like something else, so a long campaign has more of them.
+WALK_TERMS_PER_HOUR, LEAST_WALK_TERMS, MOST_WALK_TERMS = 6.0, 24, 48
 SHORTEST_WAVE_S = 1500.0
+WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_PAIRS = 0.9, 8, 40  # in frequencies that differ by one period over a campaign
 
 
 def disturbance_columns(
@@ -82,9 +81,7 @@ def _add_weights(named: _Columns) -> None:
 def _add_station(named: _Columns, levels: DisturbanceLevels, accuracy: AccuracyEntry, nest_limit_m: float) -> None:
     """The station's frame walks and is another after a break; reflectors are put back."""
     observed, channels, context = named.observed, named.channels, named.observed.context
-    walk = random_walk_basis(
-        context.elapsed_s / HOUR_S, WALK_TERMS if levels.drift_m < LARGE_DRIFT_M else LARGE_DRIFT_TERMS
-    )
+    walk = random_walk_basis(context.elapsed_s / HOUR_S, walk_terms(float(np.ptp(context.elapsed_s))))
     steps = (context.t_s[:, None] >= np.array(context.breaks_s)).astype(np.float64)
     for name in channels.station_channels():
         axis = name.rsplit(".", 1)[1]
@@ -123,7 +120,7 @@ def _add_machine(named: _Columns, levels: DisturbanceLevels) -> None:
         for a, drive in enumerate(machine.drive_names):
             named.add(f"travel.{drive}", context.direction[:, a : a + 1] * levels.reversal_m, "reversal")
     if levels.temperature_k > 0.0:
-        pairs = WAVE_PAIRS if levels.temperature_k < LARGE_WANDER_K else LARGE_WANDER_PAIRS
+        pairs = wave_pairs(float(np.ptp(context.elapsed_s)))
         waves = fourier_basis(context.elapsed_s, SHORTEST_WAVE_S, pairs) * levels.temperature_k
         for i, strut in enumerate(machine.strut_names):
             grown = machine.expansion_per_k["struts"] * machine.nominal.length_m[i]
@@ -131,6 +128,17 @@ def _add_machine(named: _Columns, levels: DisturbanceLevels) -> None:
         for a, drive in enumerate(machine.drive_names):
             grown = machine.expansion_per_k["drives"] * context.drives[:, a : a + 1]
             named.add(f"travel.{drive}", waves * grown, "temperature")
+
+
+def walk_terms(duration_s: float) -> int:
+    """Terms of a random walk over a campaign."""
+    return int(np.clip(np.ceil(WALK_TERMS_PER_HOUR * duration_s / HOUR_S), LEAST_WALK_TERMS, MOST_WALK_TERMS))
+
+
+def wave_pairs(duration_s: float) -> int:
+    """Pairs of waves over a campaign, between which no other wave is missed."""
+    between = np.ceil(duration_s / SHORTEST_WAVE_S / WAVE_SPACING)
+    return int(np.clip(between + 1.0, LEAST_WAVE_PAIRS, MOST_WAVE_PAIRS))
 
 
 def drift_per_sqrt_h(axis: str, levels: DisturbanceLevels, accuracy: AccuracyEntry) -> float:

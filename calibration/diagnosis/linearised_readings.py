@@ -20,7 +20,7 @@ from calibration.model.payload import PayloadEntry
 from calibration.recording.header import AccuracyEntry, DisturbanceLevels
 from calibration.reduction.left_out import LeftOutReading
 
-NEGLIGIBLE_INFORMATION = 2.0e-3  # information of a direction over its prior's, below which the prior alone counts
+NEGLIGIBLE_INFORMATION = 1.0e-2  # information of a direction over its prior's, below which the prior alone counts
 
 
 @dataclass(frozen=True)

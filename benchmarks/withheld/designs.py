@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -31,6 +31,7 @@ COUNTS = {"rich": 6, "platform": 4, "poor": 1}
 FEW = {"rich": 2, "platform": 1, "poor": 1}  # of short runs: what a design costs is paid once
 SWING_K = {"rich": (1.0, 2.5), "platform": (1.0, 2.5), "poor": (0.4, 0.6)}
 REFERENCE_SEED = 7
+WITHOUT_RESTS_H = 1.2  # about what the visits of a design take
 
 Programme = tuple[tuple[float, float], ...]
 
@@ -81,6 +82,17 @@ class Drawn:
 def with_visits(design: Design, visits: tuple[Visit, ...]) -> Design:
     """A design with other visits."""
     return Design(visits, design.smrs, design.nests, design.nest_every, design.nest_samples, design.start_s)
+
+
+def lasting(hours: float) -> dict[str, DesignOptions]:
+    """The styles with rests so much longer that a campaign lasts about so many hours."""
+    return {style: _lasting(hours, options) for style, options in OPTIONS.items()}
+
+
+def _lasting(hours: float, options: DesignOptions) -> DesignOptions:
+    mean_s = 3600.0 * (hours - WITHOUT_RESTS_H) / options.visits
+    longer = mean_s / float(np.mean(options.dwells_s))
+    return replace(options, dwells_s=tuple(longer * dwell_s for dwell_s in options.dwells_s))
 
 
 @dataclass

@@ -32,7 +32,7 @@ class RunFailed(RuntimeError):
 class LaneOptions:
     """The settings of a lane. done: keys of finished cases; finished: number of batches of this lane.
 
-    resembling: effects among which the maker looks for what resembles the true one; none: all.
+    resembling: effects among which the maker looks for what resembles the true one; none: all. hours: as of `Maker`.
     """
 
     seed: int | None
@@ -50,6 +50,7 @@ class LaneOptions:
     done: tuple[str, ...]
     finished: int
     resembling: tuple[str, ...]
+    hours: float
 
 
 def run_lane(options: LaneOptions, keep: Callable[[dict[str, Any]], None], begun: Callable[[str], None]) -> None:
@@ -118,6 +119,7 @@ class MakerProcess:
             do="start", seed=options.seed, final=options.final, n=options.n, kinds=options.kinds,
             lane=options.lane, lanes=options.lanes, batch=options.batch, done=options.done, finished=options.finished,
             leave_form_out=options.leave_form_out, resembling=options.resembling,
+            hours=options.hours,
         )  # fmt: skip
         return str(answer["commitment"])
 

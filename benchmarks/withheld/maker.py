@@ -27,7 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.withheld.cases import BATCH, Slot, drawn_order, plan
-from benchmarks.withheld.designs import COUNTS, FEW, Designs
+from benchmarks.withheld.designs import COUNTS, FEW, OPTIONS, Designs, lasting
 from benchmarks.withheld.gross_readings import with_gross_readings
 from benchmarks.withheld.left_out_forms import FormComparison, LeftOut
 from benchmarks.withheld.making import MOST_GROSS, Case, make_case
@@ -47,7 +47,7 @@ class Maker:
     """What one process knows. `run_seed` None: from the operating system.
 
     resembling: effects among which is looked for what could be taken for a true one; in a final run all of them, since
-    its table counts by that. ValueError for fewer.
+    its table counts by that. ValueError for fewer. hours: that a campaign lasts; 0: as short as the designs are.
     """
 
     run_seed: int | None
@@ -59,6 +59,7 @@ class Maker:
     few_designs: bool = False
     leave_form_out: bool = True
     resembling: Collection[str] = CATALOGUE
+    hours: float = 0.0
     _secret: int = field(init=False)
     _designs: Designs = field(init=False)
     _libraries: MimicLibraries = field(init=False)
@@ -73,7 +74,8 @@ class Maker:
         if self.final and set(self.resembling) != set(CATALOGUE):
             raise ValueError("a final run looks among all effects for those that resemble the true one")
         self._secret = secrets.randbits(128) if self.run_seed is None else self.run_seed
-        self._designs = Designs(derived(self._secret, "designs"), FEW if self.few_designs else COUNTS)
+        options = lasting(self.hours) if self.hours else OPTIONS
+        self._designs = Designs(derived(self._secret, "designs"), FEW if self.few_designs else COUNTS, options)
         self._libraries = MimicLibraries(1 if self.few_designs else DRAWS, self.resembling)
 
     @property
@@ -215,7 +217,7 @@ def main() -> int:
             few = 0 < order["n"] <= SHORT
             maker = Maker(
                 order["seed"], order["final"], slots, order["lane"], order["finished"], order["batch"], few,
-                order["leave_form_out"], order["resembling"] or CATALOGUE,
+                order["leave_form_out"], order["resembling"] or CATALOGUE, order["hours"],
             )  # fmt: skip
             answer = {"commitment": maker.commitment, "left": len(slots)}
         elif what == "stop" or maker is None:

@@ -1,12 +1,14 @@
 """Checks the diagnosis on withheld cases: one table, three pictures (docs/explanation/withheld.md).
 
     python -m benchmarks.withheld.run (--final | --seed S) [--n N] [--out DIR] [--lanes 2] [--no-leave-form-out]
+        [--hours H]
     python -m benchmarks.withheld.run --so-far DIR [DIR ...]
     python -m benchmarks.withheld.run --log-catalogue
 
 --final draws its seed from the operating system, uses all variants of the plant and is appended to log.jsonl whatever
 comes out; --seed is for development and leaves the final variants out. Finished batches are kept: stopped at any
-time, the same command goes on. --so-far prints the table of what a stopped or running run has finished, a random part
+time, the same command goes on. --hours makes campaigns last so long by longer rests; those of a final run take one to
+two hours. --so-far prints the table of what a stopped or running run has finished, a random part
 of its cases, or of several runs of different kinds together, and changes nothing. --log-catalogue appends the hash of
 the catalogue to log.jsonl, before new final forms come into the plant. Progress goes to standard error, the table to
 standard output; exit status 1 if a goal is missed, 2 if a process fails or the diagnoser cannot be sealed
@@ -42,6 +44,7 @@ from tests.kept_results import until_stopped
 
 ROOT = Path(__file__).parents[2]
 LOG = Path(__file__).parent / "log.jsonl"
+LEAST_HOURS, MOST_HOURS = 2.0, 48.0
 CODE = ("calibration", "mock_devices", "benchmarks/withheld")
 
 
@@ -58,6 +61,7 @@ def main(arguments: list[str] | None = None) -> int:
         "n": options.n, "kinds": sorted(options.kinds), "lanes": options.lanes, "batch": options.batch,
         "diagnose": options.diagnose, "noise": options.noise, "leave_form_out": options.leave_form_out,
         **({} if options.sealed else {"sealed": False}),
+        **({"hours": options.hours} if options.hours else {}),
         **({"resembling": sorted(options.resembling)} if options.resembling else {}),
         **({"code": code_digest()} if options.final else {}),
     }  # fmt: skip
@@ -166,6 +170,7 @@ def run_all(options: argparse.Namespace, out: Path, results: ResultsFile, stored
         done=tuple(sorted(done)),
         finished=0,
         resembling=options.resembling,
+        hours=options.hours,
     )
     lanes = [replace(lane, lane=k, finished=sum(batch["lane"] == k for batch in stored)) for k in range(options.lanes)]
     with ThreadPoolExecutor(options.lanes) as pool:
@@ -192,6 +197,7 @@ def default_folder(options: argparse.Namespace, settings: dict[str, Any]) -> Pat
     base = ROOT / "runs" / "withheld"
     if not options.final:
         marks = {"-noise": options.noise, "-whole": not options.leave_form_out, "-unsealed": not options.sealed}
+        marks |= {f"-{options.hours:g}h": options.hours > 0.0}
         kind = "".join(mark for mark, is_so in marks.items() if is_so)
         return base / f"seed-{options.seed}-n{options.n}{kind}"
     number = 1
@@ -233,6 +239,9 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         "--unsealed", dest="sealed", action="store_false",
         help="development where the system can shut no process in: the diagnoser could open plant and truths",
     )  # fmt: skip
+    parser.add_argument(
+        "--hours", type=float, default=0.0, help=f"that a campaign lasts, {LEAST_HOURS:g} or more: a development run"
+    )
     parser.add_argument("--batch", type=int, default=0, help=argparse.SUPPRESS)
     parser.add_argument("--diagnose", default="", help=argparse.SUPPRESS)
     parser.add_argument("--resembling", default="", help=argparse.SUPPRESS)  # a library of all takes a small run's time
@@ -253,6 +262,8 @@ def _options(arguments: list[str] | None) -> argparse.Namespace:
         parser.error("--noise is no final run; give a --seed")
     if options.final and not options.sealed:
         parser.error("--unsealed is no final run; give a --seed")
+    if options.hours and (options.final or not LEAST_HOURS <= options.hours <= MOST_HOURS):
+        parser.error(f"--hours is of a run with a --seed, from {LEAST_HOURS:g} to {MOST_HOURS:g}")
     if options.final and options.resembling:
         parser.error("--resembling is no final run; give a --seed")
     # Small runs have small batches, so that both lanes end together.

@@ -1,4 +1,5 @@
-"""How likely levels of the ordinary disturbances are, by a recording's readings and by what is declared.
+"""How likely levels of the ordinary disturbances are, and of the machine's errors over their tolerances, by a
+recording's readings and by what is declared.
 
 The readings' marginal likelihood over the levels, all unknowns of the calibration integrated out, times log-normal
 priors about the declared or default levels (MacKay 2003, ch. 28).
@@ -18,9 +19,12 @@ from scipy.optimize import minimize
 from calibration.base.arrays import Array
 from calibration.diagnosis.disturbances import drift_per_sqrt_h
 from calibration.diagnosis.linearised_readings import LinearisedReadings
+from calibration.model.parameters import KINDS
 from calibration.recording.header import DisturbanceLevels
 
 COLUMNS = {"drift_m": "drift.", "reseat_m": "reseat.", "reversal_m": "reversal.", "temperature_k": "temperature."}
+TOLERANCES = "tolerances"  # level of all errors of the machine's geometry over what the machine file states
+GEOMETRY = tuple(f"{kind}." for kind in KINDS if kind != "ln_stiffness")
 FACTOR = 3.0  # one standard deviation of the logarithm of a level that is not declared
 FACTOR_DECLARED = 2.0  # of one that is
 MOST_SIGMAS = 5.0  # of the prior: farther levels are not looked at
@@ -32,22 +36,24 @@ FACTOR_OF_READINGS = 1.3  # of the readings' scatter over the stated one
 class LevelPosterior:
     """Log posterior of the logarithms (k + 1,) of the levels over their priors', and of the readings' scatter.
 
-    keys (k): of `[nuisance]`; a level that is declared as zero has no columns and stays. included (n, w, j): whitened
-    columns of causes in the model, each times its prior standard deviation.
+    keys (k): of `[nuisance]`, or TOLERANCES; a level that is declared as zero has no columns and stays. included
+    (n, w, j): whitened columns of causes in the model, each times its prior standard deviation.
     """
 
     def __init__(
-        self, linear: LinearisedReadings, keys: Sequence[str] = tuple(COLUMNS), included: Array | None = None
+        self, linear: LinearisedReadings, keys: Sequence[str] = (*COLUMNS, TOLERANCES), included: Array | None = None
     ) -> None:
         declared = linear.levels
         self.keys = tuple(keys)
-        factors = [FACTOR_DECLARED if key in declared.model_fields_set else FACTOR for key in keys]
+        stated = {*declared.model_fields_set, TOLERANCES}
+        factors = [FACTOR_DECLARED if key in stated else FACTOR for key in keys]
         self.prior = np.log([*factors, FACTOR_OF_READINGS])
         columns, fixed = linear.columns, 0
         if included is not None:
             columns, fixed = np.concatenate([columns, included], axis=2), included.shape[2]
         self._of_key = [
-            np.array([*(name.startswith(COLUMNS[key]) for name in linear.names), *[False] * fixed]) for key in keys
+            np.array([*(name.startswith(COLUMNS.get(key, GEOMETRY)) for name in linear.names), *[False] * fixed])
+            for key in keys
         ]
         self._stated_share = np.concatenate([_share_of_stated_drift(linear), np.zeros(fixed)])
         flat, y = columns.reshape(-1, columns.shape[2]), linear.residual.ravel()
@@ -80,8 +86,11 @@ class LevelPosterior:
         return self._most_likely(-farthest, farthest)
 
     def most_likely_ordinary(self) -> Array:
-        """The same with no level above the 95 % point of its prior, and readings that scatter as stated."""
+        """The same with no level above the 95 % point of its prior, no tolerance below the stated one, and readings
+        that scatter as stated."""
         lowest, highest = -MOST_SIGMAS * self.prior, QUANTILE * self.prior
+        if TOLERANCES in self.keys:
+            lowest[self.keys.index(TOLERANCES)] = 0.0
         lowest[-1] = highest[-1] = 0.0
         return self._most_likely(lowest, highest)
 
@@ -178,8 +187,8 @@ class _WithoutRest:
 
 
 def scaled_levels(levels: DisturbanceLevels, factors: Mapping[str, float]) -> DisturbanceLevels:
-    """Levels times factors, by key."""
-    return levels.model_copy(update={key: getattr(levels, key) * factor for key, factor in factors.items()})
+    """Levels times factors, by key; that of the tolerances is no disturbance's."""
+    return levels.model_copy(update={key: getattr(levels, key) * factors[key] for key in COLUMNS if key in factors})
 
 
 def _share_of_stated_drift(linear: LinearisedReadings) -> Array:

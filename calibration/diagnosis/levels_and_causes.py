@@ -1,9 +1,10 @@
 """The search for causes where the levels of the ordinary disturbances are not known either.
 
-What a rig declares of its disturbances is a prior. A drift three times as strong as declared looks like an effect, and
-an effect looks like strong disturbances; so causes are searched for at the declared levels, at those that are most
-likely without any cause and at those that are most likely with the causes found, and the explanation is taken that is
-most likely with its levels. What acts like a disturbance and is not larger than one may well be is not named.
+What a rig declares of its disturbances is a prior, and so are the tolerances of its geometry. A drift three times as
+strong as declared looks like an effect, so do joints that lie three times as far off as the machine file says, and an
+effect looks like strong disturbances; so causes are searched for at the declared levels, at those that are most likely
+without any cause and at those that are most likely with the causes found, and the explanation is taken that is most
+likely with its levels. What acts like a disturbance and is not larger than one may well be is not named.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, LevelPosterior, scaled_levels
+from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, TOLERANCES, LevelPosterior, scaled_levels
 from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause
 from calibration.diagnosis.search import SearchResult, search_causes, something_is_left
 from calibration.diagnosis.search_budget import SearchBudget
@@ -71,6 +72,7 @@ class LevelsAndCauses:
     """The most likely explanation, and the log evidence that `none` has at other levels over that at these.
 
     told_by_form: None where no effect was kept for its form alone. left_out: what no search began with, to save time.
+    times_tolerances: how far off the geometry is most likely, over what the machine file states.
     """
 
     likelihood: MarginalLikelihood
@@ -78,6 +80,7 @@ class LevelsAndCauses:
     none_elsewhere: float
     told_by_form: ToldByForm | None = None
     left_out: tuple[str, ...] = ()
+    times_tolerances: float = 1.0
 
 
 class SearchOfLevelsAndCauses:
@@ -129,7 +132,8 @@ class SearchOfLevelsAndCauses:
         best = replace(best, result=best.result.with_ranked(remaining_alone))
         most_of_none = max(search.log_evidence for search in tried)
         none_elsewhere, left_out = most_of_none - best.log_evidence, tuple(self._budget.left_out)
-        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out)
+        times_tolerances = self._without_causes.levels(best.levels)[TOLERANCES]
+        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out, times_tolerances)
 
     def _search(self, levels: Array, effects: Sequence[Effect]) -> SearchAtLevels:
         likelihood = self._likelihood

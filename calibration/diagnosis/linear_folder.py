@@ -128,9 +128,10 @@ class LinearFolder(LinearisedReadings):
         return self.rows.joined(whitened)
 
     def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearFolder:
-        """The same with other levels of the disturbances: scales (b,) on the columns' standard deviations."""
+        """The same with other levels of the disturbances: scales (b,) on the columns' prior standard deviations."""
         columns = self.columns * scales
-        return replace(self, declared=levels, columns=columns, q=self.rows.factor_of(columns))
+        sigma = self.sigma * scales[: len(self.sigma)]
+        return replace(self, declared=levels, sigma=sigma, columns=columns, q=self.rows.factor_of(columns))
 
     def factor_of(self, columns: Array) -> Array:
         """q (n, 1, r) of columns (n, 1, b), with what is open of the ends of distances."""

@@ -111,12 +111,13 @@ class LinearModel(LinearisedReadings):
         return self.poses.visits.target_m[:, self.machine.commanded]
 
     def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearModel:
-        """The same with other levels of the disturbances: scales (b,) on the columns' standard deviations."""
+        """The same with other levels of the disturbances: scales (b,) on the columns' prior standard deviations."""
         file = self.recording.file.model_copy(update={"nuisance": levels})
         columns = self.columns * scales
         return replace(
             self,
             recording=replace(self.recording, file=file),
+            sigma=self.sigma * scales[: len(self.sigma)],
             columns=columns,
             q=inverse_covariance_factor(columns),
         )

@@ -125,7 +125,7 @@ class LinearisedReadings(ObservedModel, ABC):
 
     @abstractmethod
     def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearisedReadings:
-        """The same with other levels of the disturbances: scales (b,) on the columns' standard deviations."""
+        """The same with other levels of the disturbances: scales (b,) on the columns' prior standard deviations."""
 
     @abstractmethod
     def rms_sigma(self, whitened: Array) -> float:

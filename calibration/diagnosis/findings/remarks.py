@@ -17,6 +17,7 @@ from calibration.recording.header import DisturbanceLevels
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
 MOST_LISTED = 4  # names in a remark
 MUCH = 2.0  # times the stated level of a disturbance
+BEYOND = 1.5  # times the tolerances
 
 
 def remarks(
@@ -27,14 +28,15 @@ def remarks(
     noise_floor_m: float | None,
     gap: GapFigures,
 ) -> tuple[str, ...]:
-    """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances
-    stronger than stated, effects that are no larger than these may be, what limits the verdict, and what was not
-    tried."""
+    """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances and
+    errors of geometry larger than stated, effects that are no larger than these may be, what limits the verdict, and
+    what was not tried."""
     here, search_result = linear.levels, found.result
     return (
         *_predicts_worse(search_result, verdict, gap),
         *_far_off(linear),
         *_stronger_disturbances(stated, here),
+        *_beyond_tolerances(found.times_tolerances),
         *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
         *_cut_for_time(found),
@@ -75,6 +77,15 @@ def _stronger_disturbances(stated: DisturbanceLevels, here: DisturbanceLevels) -
             said = "declared" if key in stated.model_fields_set else "the default"
             stronger.append(f"{key} = {level:.2g} ({said}: {expected:.2g})")
     return (f"stronger disturbances than stated: {', '.join(stronger)}",) if stronger else ()
+
+
+def _beyond_tolerances(times: float) -> tuple[str, ...]:
+    if times < BEYOND:
+        return ()
+    return (
+        f"the machine's geometry is off by more than its tolerances, most likely {times:.1f} times as much: state "
+        "larger ones in the machine file, or check its nominal values",
+    )
 
 
 def _kept_for_its_form(told: ToldByForm | None) -> tuple[str, ...]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibration.diagnosis.disturbance_levels import estimate_levels
-from calibration.diagnosis.level_posterior import COLUMNS, LevelPosterior
+from calibration.diagnosis.level_posterior import COLUMNS, TOLERANCES, LevelPosterior
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.recording.header import DeclaredLevels
 from mock_devices.settings import DisturbanceLevels
@@ -61,13 +61,16 @@ def test_the_density_is_that_of_the_dense_covariance(quiet_and_rough):
     some = np.sort(rng.choice(len(linear.rows), 60, replace=False))
     small = replace(linear, columns=linear.columns[some], residual=linear.residual[some])
     posterior, keys = LevelPosterior(small), list(COLUMNS)
+    geometry = ("strut_length.", "platform_joint.", "base_joint.", "axis_tilt.", "drive_scale.")
 
     def dense(x: np.ndarray) -> float:
         flat, y = small.columns.reshape(len(some) * 3, -1), small.residual.ravel()
         declared = small.recording.file.nuisance
         scale = np.ones(flat.shape[1])
         for i, name in enumerate(small.names):
-            for key, level in zip(keys, np.exp(x[:-1]), strict=True):
+            if name.startswith(geometry):
+                scale[i] = np.exp(x[-2])
+            for key, level in zip(keys, np.exp(x[:-2]), strict=True):
                 if name.startswith(COLUMNS[key]):
                     share = 0.0
                     if key == "drift_m":  # the station's stated drift stays, the rig's is `level` times the declared
@@ -82,13 +85,14 @@ def test_the_density_is_that_of_the_dense_covariance(quiet_and_rough):
         covariance = np.exp(2.0 * x[-1]) * np.eye(len(y)) + (flat * scale**2) @ flat.T
         sign, determinant = np.linalg.slogdet(covariance)
         assert sign > 0.0
-        prior = float(np.sum((x / np.log([2.0, 2.0, 2.0, 2.0, 1.3])) ** 2))
+        prior = float(np.sum((x / np.log([2.0, 2.0, 2.0, 2.0, 2.0, 1.3])) ** 2))
         return -0.5 * (determinant + float(y @ np.linalg.solve(covariance, y)) + prior)
 
-    one, other = np.array([0.3, -0.5, 0.8, -1.0, 0.1]), np.zeros(5)
+    assert posterior.keys == (*keys, TOLERANCES)
+    one, other = np.array([0.3, -0.5, 0.8, -1.0, 0.4, 0.1]), np.zeros(6)
     assert posterior.log_density(one) - posterior.log_density(other) == pytest.approx(
         dense(one) - dense(other), abs=1e-5
     )
-    steps = 1e-3 * np.eye(5)
+    steps = 1e-3 * np.eye(6)
     slope = [(dense(one + step) - dense(one - step)) / 2e-3 for step in steps]
     np.testing.assert_allclose(posterior.gradient(one), slope, rtol=1e-4, atol=1e-3)

@@ -48,6 +48,25 @@ def test_a_disturbance_that_is_stronger_than_stated_is_no_effect(key):
     assert f"(the default: {getattr(DeclaredLevels(), key):.2g})" in said
 
 
+@pytest.mark.parametrize(("times", "seed"), [(2.0, 10), (5.0, 2)])
+def test_geometry_beyond_its_tolerances_is_no_effect(times, seed):
+    bench = plant(120, seed=seed, nuisance=DisturbanceLevels(**SMALL), error_scale=times)
+    found = diagnose(recorded(bench))
+    assert found.verdict == NONE
+    (said,) = (remark for remark in found.remarks if "tolerances" in remark)
+    assert 1.5 <= float(said.partition("most likely ")[2].split()[0]) <= 3.2
+
+
+def test_unknowns_keep_their_units_at_other_levels():
+    """Columns over the prior standard deviations are derivatives, whatever these are."""
+    linear = linearise_recording(recorded(plant(60)))
+    count, scales = len(linear.sigma), np.ones(linear.columns.shape[2])
+    scales[:count] = np.linspace(1.0, 3.0, count)
+    other = linear.with_levels(linear.levels, scales)
+    np.testing.assert_allclose(other.columns[:, :, :count] / other.sigma, linear.columns[:, :, :count] / linear.sigma)
+    assert not np.allclose(other.columns[:, :, :count], linear.columns[:, :, :count])
+
+
 def test_declared_levels_that_are_right_are_not_spoken_of():
     recording = strong("reseat_m", **SMALL | {"reseat_m": STRONGER["reseat_m"]})
     assert not any("disturbances" in remark for remark in diagnose(recording).remarks)

@@ -30,7 +30,8 @@ FACTOR_DECLARED = 2.0  # of one that is
 MOST_SIGMAS = 5.0  # of the prior: farther levels are not looked at
 QUANTILE = 1.645  # 95 %, one-sided
 STEP = 0.05  # of a logarithm, for second derivatives
-FACTOR_OF_READINGS = 1.3  # of the readings' scatter over the stated one
+FACTOR_OF_READINGS = 2.0  # of the readings' scatter over the stated one
+MORE_SCATTER = 0.2  # of their variance over the stated one, that is worth another look
 
 
 class LevelPosterior:
@@ -60,6 +61,7 @@ class LevelPosterior:
         self._gram, self._along, self._square, self._count = flat.T @ flat, flat.T @ y, float(y @ y), len(y)
         self._with_level = np.any(self._of_key, axis=0)
         self._of_rest: dict[float, _WithoutRest] = {}
+        self._scatters = linear.may_scatter
 
     def log_density(self, x: Array) -> float:
         """Up to a constant."""
@@ -87,11 +89,21 @@ class LevelPosterior:
 
     def most_likely_ordinary(self) -> Array:
         """The same with no level above the 95 % point of its prior, no tolerance below the stated one, and readings
-        that scatter as stated."""
+        that scatter as stated, or more."""
+        stated = self._ordinary(scattering=False)
+        more = self._scatters and self.gradient(stated)[-1] > MORE_SCATTER * self._count
+        return self._ordinary(scattering=True) if more else stated
+
+    def most_likely_as_stated(self) -> Array:
+        """The same with readings that scatter as stated."""
+        return self._ordinary(scattering=False)
+
+    def _ordinary(self, *, scattering: bool) -> Array:
         lowest, highest = -MOST_SIGMAS * self.prior, QUANTILE * self.prior
         if TOLERANCES in self.keys:
             lowest[self.keys.index(TOLERANCES)] = 0.0
-        lowest[-1] = highest[-1] = 0.0
+        lowest[-1] = 0.0
+        highest[-1] *= scattering
         return self._most_likely(lowest, highest)
 
     def _most_likely(self, lowest: Array, highest: Array) -> Array:

@@ -17,6 +17,7 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, TOLERANCES, LevelPosterior, scaled_levels
+from calibration.diagnosis.non_parametric import largest_evidence_by_visit
 from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause
 from calibration.diagnosis.search import SearchResult, search_causes, something_is_left
 from calibration.diagnosis.search_budget import SearchBudget
@@ -72,7 +73,8 @@ class LevelsAndCauses:
     """The most likely explanation, and the log evidence that `none` has at other levels over that at these.
 
     told_by_form: None where no effect was kept for its form alone. left_out: what no search began with, to save time.
-    times_tolerances: how far off the geometry is most likely, over what the machine file states.
+    times_tolerances, times_scatter: how far off the geometry is most likely, over what the machine file states, and how
+    much the readings scatter, over what is stated of them.
     """
 
     likelihood: MarginalLikelihood
@@ -81,6 +83,7 @@ class LevelsAndCauses:
     told_by_form: ToldByForm | None = None
     left_out: tuple[str, ...] = ()
     times_tolerances: float = 1.0
+    times_scatter: float = 1.0
 
 
 class SearchOfLevelsAndCauses:
@@ -99,9 +102,14 @@ class SearchOfLevelsAndCauses:
 
     def most_likely(self) -> LevelsAndCauses:
         """The explanation that is most likely with its levels."""
+        scattering = self._without_causes.most_likely_ordinary()
+        if (of_noise := self._of_noise_alone(scattering)) is not None:
+            return self._found(of_noise, [of_noise], None)
         declared = self._search(np.zeros(len(self._without_causes.prior)), self._effects)
         tried = [declared]
-        alone = self._without_causes.most_likely_ordinary()
+        alone = self._without_causes.most_likely_as_stated()
+        if scattering[-1] > 0.0 and self._without_causes.gain(scattering) > declared.log_posterior:
+            tried.append(self._search(scattering, self._effects))
         least = SHARE_OF_CAUSES * declared.log_posterior - SHORT_OF_CAUSES
         beyond = self._beyond_disturbances(declared.result.causes)
         if not beyond and self._without_causes.gain(alone) > max(WORTH_SEARCHING, least):
@@ -130,20 +138,43 @@ class SearchOfLevelsAndCauses:
             remaining_alone = [replace(c, log_evidence=min(c.log_evidence + shift, most)) for c in remaining_alone]
             best = other
         best = replace(best, result=best.result.with_ranked(remaining_alone))
+        return self._found(best, tried, told_by_form)
+
+    def _found(
+        self, best: SearchAtLevels, tried: Sequence[SearchAtLevels], told_by_form: ToldByForm | None
+    ) -> LevelsAndCauses:
         most_of_none = max(search.log_evidence for search in tried)
         none_elsewhere, left_out = most_of_none - best.log_evidence, tuple(self._budget.left_out)
-        times_tolerances = self._without_causes.levels(best.levels)[TOLERANCES]
-        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out, times_tolerances)
+        times = self._without_causes.levels(best.levels)[TOLERANCES], float(np.exp(best.levels[-1]))
+        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out, *times)
 
-    def _search(self, levels: Array, effects: Sequence[Effect]) -> SearchAtLevels:
+    def _of_noise_alone(self, scattering: Array) -> SearchAtLevels | None:
+        """The search at levels at which readings scatter more than stated, where it finds nothing and no visit is off:
+        what an effect moves would be seen in noise of any size that can stand for it."""
+        if scattering[-1] == 0.0:
+            return None
+        likelihood = self._likelihood_at(scattering)
+        if largest_evidence_by_visit(likelihood, self._inputs) > WORTH_SEARCHING:
+            return None
+        search = self._search(scattering, self._effects, likelihood)
+        return None if search.result.causes or something_is_left(search.result) else search
+
+    def _search(
+        self, levels: Array, effects: Sequence[Effect], likelihood: MarginalLikelihood | None = None
+    ) -> SearchAtLevels:
+        likelihood = likelihood or self._likelihood_at(levels)
+        result = search_causes(likelihood, self._inputs, effects, self._budget)
+        return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))
+
+    def _likelihood_at(self, levels: Array) -> MarginalLikelihood:
         likelihood = self._likelihood
         if np.any(levels):
             posterior = self._without_causes
-            linear = likelihood.linear
-            rig = scaled_levels(linear.levels, posterior.levels(levels))
-            likelihood = likelihood.on(linear.with_levels(rig, posterior.scales(levels)))
-        result = search_causes(likelihood, self._inputs, effects, self._budget)
-        return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))
+            rig = scaled_levels(likelihood.linear.levels, posterior.levels(levels))
+            linear = likelihood.linear.with_levels(rig, posterior.scales(levels))
+            times = float(np.exp(levels[-1]))
+            likelihood = likelihood.on(linear) if times == 1.0 else MarginalLikelihood.of(linear.scattering(times))
+        return likelihood
 
     def _posterior_with(self, causes: Sequence[Cause]) -> LevelPosterior:
         """The posterior of the levels with causes in the model."""

@@ -122,6 +122,15 @@ class LinearModel(LinearisedReadings):
             q=inverse_covariance_factor(columns),
         )
 
+    @property
+    def may_scatter(self) -> bool:
+        """What a station states of its accuracy may be too little."""
+        return True
+
+    def scattering(self, times: float) -> LinearModel:
+        """The same with readings that scatter so many times as much as stated."""
+        return self.reweighted(self.weight / times)
+
     def reweighted(self, weight: Array) -> LinearModel:
         """The same with other weights (n,) of the readings."""
         scale = weight / self.weight

@@ -10,6 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -122,6 +123,15 @@ class LinearisedReadings(ObservedModel, ABC):
     @abstractmethod
     def places(self) -> Array:
         """Where each visit was (v, c), in the coordinates in which regions are withheld."""
+
+    @property
+    def may_scatter(self) -> bool:
+        """Whether readings may scatter more than stated (`scattering`)."""
+        return False
+
+    def scattering(self, times: float) -> Self:
+        """The same with readings that scatter so many times as much as stated."""
+        raise NotImplementedError
 
     @abstractmethod
     def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearisedReadings:

@@ -61,7 +61,7 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
     all coordinates at the machine's channels and at the reflector with the largest evidence.
     """
     groups = list(_channel_groups(inputs, likelihood.channels))
-    on_machine = [group for group in groups if not group[0].startswith(NOT_ON_MACHINE)]
+    on_machine = [group for group in groups if _on_machine(group)]
     # Of all reflectors together, which are the last of these groups, the platform's coordinates stand for the shifts.
     reflectors = [group for group in groups if group[0].startswith(REFLECTOR)][:-1]
 
@@ -80,6 +80,17 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
         for group, coordinate, shapes in _alternatives(inputs, likelihood.channels, tried_groups)
     ]
     return sorted(alternatives, key=lambda alternative: -alternative.log_evidence)
+
+
+def largest_evidence_by_visit(likelihood: MarginalLikelihood, inputs: EffectInputs) -> float:
+    """The largest approximate log evidence of shifts per visit, of all groups of channels of the machine and its
+    reflectors: of noise alone none is above zero but by chance."""
+    groups = [g for g in _channel_groups(inputs, likelihood.channels) if g[0].startswith(REFLECTOR) or _on_machine(g)]
+    return max(evidence_of_shifts_by_visit(likelihood, group) for group in groups)
+
+
+def _on_machine(group: tuple[str, ...]) -> bool:
+    return not group[0].startswith(NOT_ON_MACHINE)
 
 
 def _visit_indicators(inputs: EffectInputs) -> Array:
@@ -152,7 +163,7 @@ def _alternatives(
         return inputs.once(("of drive", drive), lambda: functions_of_drive(inputs, drive))
 
     for group in _channel_groups(inputs, channels):
-        not_on_machine = group[0].startswith(NOT_ON_MACHINE)
+        not_on_machine = not _on_machine(group)
         if not not_on_machine and group not in tried_groups:
             continue
         bases = dict(common)

@@ -18,6 +18,7 @@ INEXACT = 10.0  # excess log evidence from which on a remark says that the effec
 MOST_LISTED = 4  # names in a remark
 MUCH = 2.0  # times the stated level of a disturbance
 BEYOND = 1.5  # times the tolerances
+SCATTERS = 1.1  # times the stated standard deviations of the readings
 
 
 def remarks(
@@ -37,6 +38,7 @@ def remarks(
         *_far_off(linear),
         *_stronger_disturbances(stated, here),
         *_beyond_tolerances(found.times_tolerances),
+        *_more_scatter(found.times_scatter),
         *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
         *_cut_for_time(found),
@@ -86,6 +88,12 @@ def _beyond_tolerances(times: float) -> tuple[str, ...]:
         f"the machine's geometry is off by more than its tolerances, most likely {times:.1f} times as much: state "
         "larger ones in the machine file, or check its nominal values",
     )
+
+
+def _more_scatter(times: float) -> tuple[str, ...]:
+    if times < SCATTERS:
+        return ()
+    return (f"the readings scatter {times:.2f} times as much as stated: state the station's accuracy as it is",)
 
 
 def _kept_for_its_form(told: ToldByForm | None) -> tuple[str, ...]:

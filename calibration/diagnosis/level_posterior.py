@@ -61,7 +61,7 @@ class LevelPosterior:
         self._gram, self._along, self._square, self._count = flat.T @ flat, flat.T @ y, float(y @ y), len(y)
         self._with_level = np.any(self._of_key, axis=0)
         self._of_rest: dict[float, _WithoutRest] = {}
-        self._scatters = linear.may_scatter
+        self._may_scatter = linear.may_scatter
 
     def log_density(self, x: Array) -> float:
         """Up to a constant."""
@@ -91,12 +91,23 @@ class LevelPosterior:
         """The same with no level above the 95 % point of its prior, no tolerance below the stated one, and readings
         that scatter as stated, or more."""
         stated = self._ordinary(scattering=False)
-        more = self._scatters and self.gradient(stated)[-1] > MORE_SCATTER * self._count
-        return self._ordinary(scattering=True) if more else stated
+        return self._ordinary(scattering=True) if self._scatters_more(stated) else stated
 
     def most_likely_as_stated(self) -> Array:
         """The same with readings that scatter as stated."""
         return self._ordinary(scattering=False)
+
+    def most_likely_scatter(self) -> Array:
+        """The same with the stated and default levels: readings alone may scatter more."""
+        stated = np.zeros_like(self.prior)
+        if not self._scatters_more(stated):
+            return stated
+        highest = stated.copy()
+        highest[-1] = QUANTILE * self.prior[-1]
+        return self._most_likely(stated, highest)
+
+    def _scatters_more(self, x: Array) -> bool:
+        return bool(self._may_scatter and self.gradient(x)[-1] > MORE_SCATTER * self._count)
 
     def _ordinary(self, *, scattering: bool) -> Array:
         lowest, highest = -MOST_SIGMAS * self.prior, QUANTILE * self.prior

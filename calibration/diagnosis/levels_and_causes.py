@@ -102,7 +102,7 @@ class SearchOfLevelsAndCauses:
 
     def most_likely(self) -> LevelsAndCauses:
         """The explanation that is most likely with its levels."""
-        scattering = self._without_causes.most_likely_ordinary()
+        scattering = self._without_causes.most_likely_scatter()
         if (of_noise := self._of_noise_alone(scattering)) is not None:
             return self._found(of_noise, [of_noise], None)
         declared = self._search(np.zeros(len(self._without_causes.prior)), self._effects)
@@ -114,9 +114,10 @@ class SearchOfLevelsAndCauses:
         beyond = self._beyond_disturbances(declared.result.causes)
         if not beyond and self._without_causes.gain(alone) > max(WORTH_SEARCHING, least):
             tried.append(self._search(alone, self._effects))
-        if _may_change(declared.result):
+        may_change = _may_change(declared.result)
+        if may_change or (declared.result.causes and scattering[-1] > 0.0):
             posterior = self._posterior_with(declared.result.causes)
-            x = posterior.most_likely_ordinary()
+            x = posterior.most_likely_ordinary() if may_change else posterior.most_likely_scatter()
             least = max(WORTH_SEARCHING, SHARE_OF_EXCESS * declared.result.excess_log_evidence)
             if posterior.gain(x) > least and all(np.max(np.abs(x - search.levels)) > ALIKE for search in tried):
                 tried.append(self._search(x, self._effects))
@@ -149,7 +150,7 @@ class SearchOfLevelsAndCauses:
         return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out, *times)
 
     def _of_noise_alone(self, scattering: Array) -> SearchAtLevels | None:
-        """The search at levels at which readings scatter more than stated, where it finds nothing and no visit is off:
+        """The search with readings that scatter more than stated, where it finds nothing and no visit is off:
         what an effect moves would be seen in noise of any size that can stand for it."""
         if scattering[-1] == 0.0:
             return None

@@ -21,7 +21,7 @@ from calibration.effects.catalogue import load_catalogue
 from calibration.recording.header import DeclaredLevels
 from mock_devices.effects import EffectChoice
 from mock_devices.settings import DisturbanceLevels
-from tests.calibration.diagnosis.campaigns import plant, recorded
+from tests.calibration.diagnosis.campaigns import plant, recorded, simulated
 
 SMALL = {"drift_m": 2e-6, "reseat_m": 1e-6, "reversal_m": 5e-7, "temperature_k": 0.01}
 STRONGER = {"drift_m": 1.5e-5, "reseat_m": 8e-6}
@@ -55,6 +55,26 @@ def test_geometry_beyond_its_tolerances_is_no_effect(times, seed):
     assert found.verdict == NONE
     (said,) = (remark for remark in found.remarks if "tolerances" in remark)
     assert 1.5 <= float(said.partition("most likely ")[2].split()[0]) <= 3.2
+
+
+@pytest.mark.parametrize(("machine", "times"), [("planar4", 1.5), ("delta8", 1.5), ("gough8", 2.0)])
+def test_readings_that_scatter_more_than_stated_are_no_effect(machine, times):
+    found = diagnose(simulated(machine, 60, noise=times))
+    assert found.verdict == NONE
+    (said,) = (remark for remark in found.remarks if "scatter" in remark)
+    assert float(said.partition("scatter ")[2].split()[0]) == pytest.approx(times, rel=0.1)
+
+
+def test_an_effect_is_found_beside_readings_that_scatter_more_than_stated():
+    def comes_from_two_sides(arrivals):
+        return 3e-5 * np.array([1.0, 0.0]) * arrivals.sides
+
+    found = diagnose(simulated("planar4", 60, comes_from_two_sides, noise=1.6))
+    (first,) = found.effects
+    assert (first.effect, first.place) == ("backlash", "left")
+    assert abs(first.size.value - 6e-5) < first.size.u
+    (said,) = (remark for remark in found.remarks if "scatter" in remark)
+    assert float(said.partition("scatter ")[2].split()[0]) == pytest.approx(1.6, rel=0.1)
 
 
 def test_unknowns_keep_their_units_at_other_levels():

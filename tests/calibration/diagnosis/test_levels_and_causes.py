@@ -67,14 +67,15 @@ def test_readings_that_scatter_more_than_stated_are_no_effect(machine, times):
 
 def test_an_effect_is_found_beside_readings_that_scatter_more_than_stated():
     def comes_from_two_sides(arrivals):
-        return 3e-5 * np.array([1.0, 0.0]) * arrivals.sides
+        return 6e-5 * np.array([1.0, 0.0]) * arrivals.sides
 
-    found = diagnose(simulated("planar4", 60, comes_from_two_sides, noise=1.6))
+    found = diagnose(simulated("planar4", 60, comes_from_two_sides, noise=1.3))
     (first,) = found.effects
     assert (first.effect, first.place) == ("backlash", "left")
-    assert abs(first.size.value - 6e-5) < first.size.u
+    (at_channel,) = first.places[0].at_channels
+    assert abs(at_channel.value - 6e-5) < at_channel.u
     (said,) = (remark for remark in found.remarks if "scatter" in remark)
-    assert float(said.partition("scatter ")[2].split()[0]) == pytest.approx(1.6, rel=0.1)
+    assert float(said.partition("scatter ")[2].split()[0]) == pytest.approx(1.3, rel=0.1)
 
 
 def test_unknowns_keep_their_units_at_other_levels():

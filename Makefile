@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent other-simulator structures fit-verdict emergent gapbench compare-study fleet bench host-rows joint-covariance single-drives faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
+.PHONY: demo test lint demo-check machines year-study rig-study outliers withheld independent other-simulator structures fit-verdict emergent gapbench compare-study fleet bench host-rows joint-covariance single-drives quiet-machines faults kill-sweep watch-events deliberate-errors mutants peers latency overhead panel panel-stops panel-guide setups control-formats two-processes bad-cases kuka papers clean
 
 # MACHINE=stewart6 for another shipped machine.
 demo: $(VENV)/run.stamp
@@ -210,6 +210,11 @@ joint-covariance: $(VENV)/dev.stamp
 # quarter of an hour. N=3 for a first look, SEED=2 for others. Stopped, it goes on.
 single-drives: $(VENV)/dev.stamp
 	$(BIN)/python -m benchmarks.single_drives $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED))
+
+# Machines with nothing wrong in conditions that no other benchmark has, such as a night's campaign or an accuracy that is not
+# what the station states (docs/explanation/disturbances.md), ten minutes. N=1 for a first look. Stopped, it goes on.
+quiet-machines: $(VENV)/dev.stamp
+	$(BIN)/python -m benchmarks.quiet_machines $(if $(N),--n $(N)) $(if $(SEED),--seed $(SEED))
 
 # Rows of paths that the host corrects in a second of one core.
 host-rows: $(VENV)/dev.stamp

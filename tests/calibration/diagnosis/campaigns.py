@@ -132,10 +132,11 @@ def simulated(
     seed: int = 1,
     noise: float = 1.0,
     grid_m: float | None = None,
+    times_tolerances: float = 1.0,
 ) -> Recording:
     """A recording of any shipped machine, whose drives stand off by travel_m (v, d), without payload.
 
-    grid_m: drives stand at multiples of that only.
+    noise: over what is stated of the readings. grid_m: drives stand at multiples of that only.
     """
     machine, rng = load_machine(shipped_machine(name)), np.random.default_rng(seed)
     target, drives = drawn_poses(machine, rng, visits)
@@ -147,7 +148,7 @@ def simulated(
     off = np.zeros_like(drives) if travel_m is None else travel_m(arrivals)
     temperatures = {s: np.full(visits, machine.reference_temperature_c) for s in machine.sensors.values()}
     at = equilibrium.make_conditions(machine, visits, temperatures, np.zeros(visits), np.zeros((visits, 3)))
-    true = Rest.of(machine, drawn_geometry(machine, rng), drives + off, at, target)
+    true = Rest.of(machine, drawn_geometry(machine, rng, times_tolerances), drives + off, at, target)
     mounted = np.array([s.position_m for s in machine.smrs]) + 1e-4 * rng.standard_normal((len(machine.smrs), 3))
     mounted[:, 2] -= 0.0 if not machine.planar else mounted[:, 2] - [s.position_m[2] for s in machine.smrs]
     places = true.places_m(mounted)

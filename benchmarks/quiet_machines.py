@@ -1,0 +1,102 @@
+"""What the diagnosis makes of machines with nothing wrong in conditions that no other benchmark has.
+
+    python -m benchmarks.quiet_machines [--n 3] [--seed S] [--out DIR]
+
+Campaigns of a night on the mock plant, its drift or its warmth strong; and N machines of every shipped kind that state
+too little: geometry within 2.5 times the tolerances of the machine file, readings that scatter 1.5 or 2 times as much
+as the station's accuracy says, and both. Prints of each condition how many were called an effect, and how many
+`unknown`; exit status 1 if any was. Progress goes to standard error. Lines are kept in --out: stopped, the same command
+goes on after the last.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+
+import numpy as np
+
+from benchmarks.results_file import code_digest
+from benchmarks.timing import in_one_thread
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.result import NONE, UNKNOWN
+from calibration.machine.description import shipped_machines
+from calibration.recording.recording import Recording
+from mock_devices.recordings.design import DesignOptions
+from mock_devices.settings import DisturbanceLevels
+from tests.calibration.diagnosis.campaigns import plant, recorded, simulated
+from tests.kept_results import KeptResults, key_of, until_stopped
+
+CODE = ("calibration", "mock_devices", "benchmarks/quiet_machines.py", "tests/calibration/diagnosis/campaigns.py")
+NIGHT = DesignOptions(dwells_s=(100.0, 200.0, 300.0, 600.0))
+QUIET = DisturbanceLevels(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01)
+VISITS_OF_A_NIGHT, VISITS = 100, 60
+
+Make = Callable[[int], Recording]
+
+
+def conditions() -> dict[str, list[Make]]:
+    """By name what makes a recording from a seed: one maker a machine, or one of the mock plant."""
+
+    def night(levels: DisturbanceLevels) -> list[Make]:
+        return [lambda seed: recorded(plant(VISITS_OF_A_NIGHT, seed=seed, design=NIGHT, nuisance=levels))]
+
+    def states_too_little(times_tolerances: float, noise: float) -> list[Make]:
+        return [partial(_of_kind, name, times_tolerances=times_tolerances, noise=noise) for name in shipped_machines()]
+
+    return {
+        "nine hours, drift 25 um in one": night(replace(QUIET, drift_m=2.5e-5)),
+        "nine hours, waves of 0.4 K": night(replace(QUIET, temperature_k=0.4)),
+        "as stated": states_too_little(1.0, 1.0),
+        "geometry 2.5 times as far off": states_too_little(2.5, 1.0),
+        "readings scatter 1.5 times": states_too_little(1.0, 1.5),
+        "readings scatter 2 times": states_too_little(1.0, 2.0),
+        "geometry 2.5, scatter 1.5 times": states_too_little(2.5, 1.5),
+    }
+
+
+def _of_kind(name: str, seed: int, *, times_tolerances: float, noise: float) -> Recording:
+    return simulated(name, VISITS, seed=seed, noise=noise, times_tolerances=times_tolerances)
+
+
+def row(name: str, verdicts: Sequence[str]) -> str:
+    """One line of the table."""
+    unknown = verdicts.count(UNKNOWN)
+    return f"{name:34s} {len(verdicts):4d} {len(verdicts) - unknown - verdicts.count(NONE):16d} {unknown:8d}"
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table, a line after each condition."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--n", type=int, default=3, help="campaigns of each machine; of a night nine times as many")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--out", type=Path, default=Path("runs/quiet-machines"))
+    options = parser.parse_args(arguments)
+    if options.n < 1:
+        parser.error(f"--n is {options.n}; give the number of campaigns of each machine, 1 or more")
+    if options.seed < 0:
+        parser.error(f"--seed is {options.seed}; give 0 or more")
+    kept, code = KeptResults(options.out / "results.jsonl"), code_digest(*CODE)
+    every, called = conditions(), 0
+    print("quiet campaigns                       n  called an effect  unknown", flush=True)
+    for number, (name, makers) in enumerate(every.items()):
+        seeds = np.random.default_rng([options.seed, number]).integers(2**31, size=9 * options.n)
+        verdicts = []
+        for k, seed in enumerate(seeds.tolist()):
+            key = key_of(code, name, options.seed, k)
+            if key not in kept:
+                print(f"{name}: {k + 1} of {len(seeds)}", file=sys.stderr)
+                kept.add({"key": key, "verdict": diagnose(makers[k % len(makers)](seed)).verdict})
+            verdicts.append(kept[key]["verdict"])
+        called += len(verdicts) - verdicts.count(NONE)
+        print(row(name, verdicts), flush=True)
+    return int(called > 0)
+
+
+if __name__ == "__main__":
+    in_one_thread()
+    sys.exit(until_stopped(main))

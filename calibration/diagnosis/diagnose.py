@@ -27,7 +27,7 @@ from calibration.diagnosis.findings.withheld_blocks import (
 from calibration.diagnosis.folder_effects import effects_of_unknowns
 from calibration.diagnosis.levels_and_causes import LevelsAndCauses, SearchOfLevelsAndCauses
 from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
-from calibration.diagnosis.linear_model import LinearModel, linearise_again, linearise_recording
+from calibration.diagnosis.linear_model import LinearModel, linearise_again, linearise_recording, require_recording
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.non_parametric import LEFT_SIGMA, log_evidence_at_platform
 from calibration.diagnosis.periodogram import Periodogram
@@ -148,7 +148,8 @@ def _diagnose_with_models(
     catalogue, stated = catalogue or load_catalogue(), linear.levels
     searched = _search(linear, catalogue, SearchBudget(limit=work))
     if isinstance(linear, LinearModel):
-        judged = judge_beside_causes(searched.found.result.likelihoods[-1], linear.weight)
+        beside_causes = searched.found.result.likelihoods[-1]
+        judged = judge_beside_causes(beside_causes, require_recording(beside_causes.linear).weight)
         if judged is not None:
             again = SearchBudget(found=_begins_of(searched.found.result.causes), limit=work)
             del searched  # half of the memory: what follows needs none of its columns

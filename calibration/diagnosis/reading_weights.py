@@ -63,7 +63,8 @@ class SecondJudgement:
 
 
 def judge_beside_causes(likelihood: MarginalLikelihood, weight: Array) -> SecondJudgement | None:
-    """Which readings are wrong with the causes in the model of the likelihood; weight (n,): of its readings so far.
+    """Which readings are wrong with the causes in the model of the likelihood; weight (n,): of its readings so far, by
+    which they are judged as stated: wrong ones are no reason to expect more scatter.
 
     Only those that are off while most others of their stand are not: what has moved, as by a slip of a drive, moves all
     of them. None without a gross one, as another search would find the same, and where so many are far off, of all or

@@ -35,6 +35,7 @@ CODE = ("calibration", "mock_devices", "benchmarks/quiet_machines.py", "tests/ca
 NIGHT = DesignOptions(dwells_s=(100.0, 200.0, 300.0, 600.0))
 QUIET = DisturbanceLevels(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01)
 VISITS_OF_A_NIGHT, VISITS = 100, 60
+KINDS = len(shipped_machines())
 
 Make = Callable[[int], Recording]
 
@@ -72,7 +73,9 @@ def row(name: str, verdicts: Sequence[str]) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Print the table, a line after each condition."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--n", type=int, default=3, help="campaigns of each machine; of a night nine times as many")
+    parser.add_argument(
+        "--n", type=int, default=3, help="campaigns of each machine; of a night as many as of all together"
+    )
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("runs/quiet-machines"))
     options = parser.parse_args(arguments)
@@ -84,7 +87,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     every, called = conditions(), 0
     print("quiet campaigns                       n  called an effect  unknown", flush=True)
     for number, (name, makers) in enumerate(every.items()):
-        seeds = np.random.default_rng([options.seed, number]).integers(2**31, size=9 * options.n)
+        seeds = np.random.default_rng([options.seed, number]).integers(2**31, size=KINDS * options.n)
         verdicts = []
         for k, seed in enumerate(seeds.tolist()):
             key = key_of(code, name, options.seed, k)

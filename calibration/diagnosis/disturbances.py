@@ -17,7 +17,7 @@ STRUT_WEIGHT_SHARE = 0.05  # of the moving mass: standard deviation of a strut's
 # What of a disturbance is finer than its columns looks like something else, so a long campaign has more of them.
 WALK_TERMS_PER_HOUR, LEAST_WALK_TERMS, MOST_WALK_TERMS = 6.0, 24, 48
 SHORTEST_WAVE_S = 1500.0
-WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_PAIRS = 0.9, 8, 40  # in frequencies that differ by one period over a campaign
+WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_PAIRS = 0.9, 8, 40  # spacing of frequencies in periods over the campaign
 
 
 def disturbance_columns(

@@ -103,13 +103,14 @@ class SearchOfLevelsAndCauses:
     def most_likely(self) -> LevelsAndCauses:
         """The explanation that is most likely with its levels."""
         scattering = self._without_causes.most_likely_scatter()
-        if (of_noise := self._of_noise_alone(scattering)) is not None:
-            return self._found(of_noise, [of_noise], None)
+        scattered = self._search_in_noise(scattering)
+        if scattered is not None and not (scattered.result.causes or something_is_left(scattered.result)):
+            return self._found(scattered, [scattered], None)
         declared = self._search(np.zeros(len(self._without_causes.prior)), self._effects)
         tried = [declared]
         alone = self._without_causes.most_likely_as_stated()
         if scattering[-1] > 0.0 and self._without_causes.gain(scattering) > declared.log_posterior:
-            tried.append(self._search(scattering, self._effects))
+            tried.append(scattered or self._search(scattering, self._effects))
         least = SHARE_OF_CAUSES * declared.log_posterior - SHORT_OF_CAUSES
         beyond = self._beyond_disturbances(declared.result.causes)
         if not beyond and self._without_causes.gain(alone) > max(WORTH_SEARCHING, least):
@@ -149,16 +150,18 @@ class SearchOfLevelsAndCauses:
         times = self._without_causes.levels(best.levels)[TOLERANCES], float(np.exp(best.levels[-1]))
         return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out, *times)
 
-    def _of_noise_alone(self, scattering: Array) -> SearchAtLevels | None:
-        """The search with readings that scatter more than stated, where it finds nothing and no visit is off:
-        what an effect moves would be seen in noise of any size that can stand for it."""
+    def _search_in_noise(self, scattering: Array) -> SearchAtLevels | None:
+        """The search with readings that scatter more than stated, where no visit is off; else None.
+
+        Where it finds nothing there is nothing but noise: what an effect moves would be seen in noise of any size that
+        can stand for it.
+        """
         if scattering[-1] == 0.0:
             return None
         likelihood = self._likelihood_at(scattering)
         if largest_evidence_by_visit(likelihood, self._inputs) > WORTH_SEARCHING:
             return None
-        search = self._search(scattering, self._effects, likelihood)
-        return None if search.result.causes or something_is_left(search.result) else search
+        return self._search(scattering, self._effects, likelihood)
 
     def _search(
         self, levels: Array, effects: Sequence[Effect], likelihood: MarginalLikelihood | None = None

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from benchmarks.withheld.cases import DECLARED, DECOYS, FULL, INDEX_OF_AIR, PROFILES, STYLES, Slot, plan
-from benchmarks.withheld.designs import Drawn, with_visits
+from benchmarks.withheld.designs import FEW, Designs, Drawn, lasting, with_visits
 from benchmarks.withheld.left_out_forms import FormComparison, decoys_among, shares_of_sets
 from benchmarks.withheld.making import PERIODIC, _as_declared, _at_places, fact, make_case
 from benchmarks.withheld.mimics import Mimics
@@ -286,3 +286,10 @@ def test_mimics_are_found_and_others_are_not(name, variant, other):
         assert result[other] < 0.5
     else:
         assert result["tracker_drift"] > 0.7 * visible
+
+
+@pytest.mark.parametrize("hours", [2.0, 8.0])
+@pytest.mark.parametrize("style", FEW)
+def test_campaigns_last_as_long_as_they_are_asked_to(style, hours):
+    drawn = Designs(3, FEW, lasting(hours)).by_name(f"{style}0")
+    assert drawn.duration_s == pytest.approx(3600.0 * hours, rel=0.2)

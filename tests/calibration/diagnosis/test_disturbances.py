@@ -5,15 +5,14 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from benchmarks.quiet_machines import NIGHT
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.disturbances import SHORTEST_WAVE_S, walk_terms, wave_pairs
 from calibration.diagnosis.result import NONE
 from calibration.effects.basis_functions import fourier_basis, random_walk_basis
-from mock_devices.recordings.design import DesignOptions
 from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import plant, recorded
 
-LONG = DesignOptions(dwells_s=(100.0, 200.0, 300.0, 600.0))
 DRIFTING = DisturbanceLevels(drift_m=2.5e-5, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01)
 WARM = DisturbanceLevels(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.4)
 
@@ -41,6 +40,6 @@ def test_no_wave_is_missed_between_others(hours):
 
 @pytest.mark.parametrize(("levels", "seed"), [(DRIFTING, 1), (WARM, 3)], ids=["drifting", "warm"])
 def test_a_quiet_campaign_of_nine_hours_has_no_cause(levels, seed):
-    recording = recorded(plant(100, seed=seed, design=LONG, nuisance=levels))
+    recording = recorded(plant(100, seed=seed, design=NIGHT, nuisance=levels))
     assert np.ptp(recording["t_rig_s"]) > 8.5 * 3600.0
     assert diagnose(recording).verdict == NONE

@@ -65,6 +65,18 @@ def test_readings_that_scatter_more_than_stated_are_no_effect(machine, times):
     assert float(said.partition("scatter ")[2].split()[0]) == pytest.approx(times, rel=0.1)
 
 
+def test_where_noise_explains_everything_no_second_search_is_made(monkeypatch):
+    searches = []
+
+    def counted(*arguments):
+        searches.append(arguments)
+        return search_causes(*arguments)
+
+    monkeypatch.setattr(levels_and_causes, "search_causes", counted)
+    assert diagnose(simulated("planar4", 60, noise=1.5)).verdict == NONE
+    assert len(searches) == 1
+
+
 def test_an_effect_is_found_beside_readings_that_scatter_more_than_stated():
     def comes_from_two_sides(arrivals):
         return 6e-5 * np.array([1.0, 0.0]) * arrivals.sides

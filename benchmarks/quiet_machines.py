@@ -2,11 +2,11 @@
 
     python -m benchmarks.quiet_machines [--n 3] [--seed S] [--out DIR]
 
-Campaigns of a night on the mock plant, its drift or its warmth strong; and N machines of every shipped kind that state
-too little: geometry within 2.5 times the tolerances of the machine file, readings that scatter 1.5 or 2 times as much
-as the station's accuracy says, and both. Prints of each condition how many were called an effect, and how many
-`unknown`; exit status 1 if any was. Progress goes to standard error. Lines are kept in --out: stopped, the same command
-goes on after the last.
+Campaigns of a night or of four days on the mock plant, its drift or its warmth strong; and N machines of every shipped
+kind that state too little: geometry within 2.5 times the tolerances of the machine file, readings that scatter 1.5 or 2
+times as much as the station's accuracy says, and both. Prints of each condition how many were called an effect, and how
+many `unknown`; exit status 1 if any was. Progress goes to standard error. Lines are kept in --out: stopped, the same
+command goes on after the last.
 """
 
 from __future__ import annotations
@@ -34,7 +34,9 @@ from tests.kept_results import KeptResults, key_of, until_stopped
 CODE = ("calibration", "mock_devices", "benchmarks/quiet_machines.py", "tests/calibration/diagnosis/campaigns.py")
 NIGHT = DesignOptions(dwells_s=(100.0, 200.0, 300.0, 600.0))
 QUIET = DisturbanceLevels(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01)
-VISITS_OF_A_NIGHT, VISITS = 100, 60
+DRIFT, WARMTH = replace(QUIET, drift_m=2.5e-5), replace(QUIET, temperature_k=0.4)
+VISITS_OF_A_NIGHT, VISITS, VISITS_OF_DAYS = 100, 60, 120
+BETWEEN_DAYS_S = 14.0 * 3600.0
 KINDS = len(shipped_machines())
 
 Make = Callable[[int], Recording]
@@ -46,17 +48,23 @@ def conditions() -> dict[str, list[Make]]:
     def night(levels: DisturbanceLevels) -> list[Make]:
         return [lambda seed: recorded(plant(VISITS_OF_A_NIGHT, seed=seed, design=NIGHT, nuisance=levels))]
 
+    def four_days(levels: DisturbanceLevels) -> list[Make]:
+        of_days = partial(plant, VISITS_OF_DAYS, exchange_s=BETWEEN_DAYS_S, nuisance=levels)
+        return [lambda seed: recorded(of_days(seed=seed))]
+
     def states_too_little(times_tolerances: float, noise: float) -> list[Make]:
         return [partial(_of_kind, name, times_tolerances=times_tolerances, noise=noise) for name in shipped_machines()]
 
     return {
-        "nine hours, drift 25 um in one": night(replace(QUIET, drift_m=2.5e-5)),
-        "nine hours, waves of 0.4 K": night(replace(QUIET, temperature_k=0.4)),
+        "nine hours, drift 25 um in one": night(DRIFT),
+        "nine hours, waves of 0.4 K": night(WARMTH),
         "as stated": states_too_little(1.0, 1.0),
         "geometry 2.5 times as far off": states_too_little(2.5, 1.0),
         "readings scatter 1.5 times": states_too_little(1.0, 1.5),
         "readings scatter 2 times": states_too_little(1.0, 2.0),
         "geometry 2.5, scatter 1.5 times": states_too_little(2.5, 1.5),
+        "four days, drift 25 um in an hour": four_days(DRIFT),
+        "four days, waves of 0.4 K": four_days(WARMTH),
     }
 
 

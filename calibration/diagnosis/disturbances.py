@@ -10,14 +10,16 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
-from calibration.effects.basis_functions import fourier_basis, random_walk_basis
+from calibration.effects.basis_functions import fourier_basis, principal_columns, random_walk_basis
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S, AccuracyEntry, DisturbanceLevels
 
 STRUT_WEIGHT_SHARE = 0.05  # of the moving mass: standard deviation of a strut's own weight at its platform joint
 # What of a disturbance is finer than its columns looks like something else, so a long campaign has more of them.
 WALK_TERMS_PER_HOUR, LEAST_WALK_TERMS, MOST_WALK_TERMS = 6.0, 24, 48
+LEAST_PAUSE_H, MOST_PAUSES = 1.0, 24  # between two readings, over which a walk is one step: the longest ones
 SHORTEST_WAVE_S = 1500.0
-WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_PAIRS = 0.9, 8, 40  # spacing of frequencies in periods over the campaign
+WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_COLUMNS = 0.9, 8, 80  # spacing of frequencies in periods over the campaign
+MOST_PAIRS = 200  # of which the most varying columns are taken: enough for three days
 
 
 def disturbance_columns(
@@ -81,7 +83,7 @@ def _add_weights(named: _Columns) -> None:
 def _add_station(named: _Columns, levels: DisturbanceLevels, accuracy: AccuracyEntry, nest_limit_m: float) -> None:
     """The station's frame walks and is another after a break; reflectors are put back."""
     observed, channels, context = named.observed, named.channels, named.observed.context
-    walk = random_walk_basis(context.elapsed_s / HOUR_S, walk_terms(float(np.ptp(context.elapsed_s))))
+    walk = drift_walk(context.elapsed_s)
     steps = (context.t_s[:, None] >= np.array(context.breaks_s)).astype(np.float64)
     for name in channels.station_channels():
         axis = name.rsplit(".", 1)[1]
@@ -120,8 +122,7 @@ def _add_machine(named: _Columns, levels: DisturbanceLevels) -> None:
         for a, drive in enumerate(machine.drive_names):
             named.add(f"travel.{drive}", context.direction[:, a : a + 1] * levels.reversal_m, "reversal")
     if levels.temperature_k > 0.0:
-        pairs = wave_pairs(float(np.ptp(context.elapsed_s)))
-        waves = fourier_basis(context.elapsed_s, SHORTEST_WAVE_S, pairs) * levels.temperature_k
+        waves = temperature_waves(context.elapsed_s) * levels.temperature_k
         for i, strut in enumerate(machine.strut_names):
             grown = machine.expansion_per_k["struts"] * machine.nominal.length_m[i]
             named.add(f"length.{strut}", waves * grown, "temperature")
@@ -130,15 +131,28 @@ def _add_machine(named: _Columns, levels: DisturbanceLevels) -> None:
             named.add(f"travel.{drive}", waves * grown, "temperature")
 
 
-def walk_terms(duration_s: float) -> int:
-    """Terms of a random walk over a campaign."""
-    return int(np.clip(np.ceil(WALK_TERMS_PER_HOUR * duration_s / HOUR_S), LEAST_WALK_TERMS, MOST_WALK_TERMS))
+def drift_walk(elapsed_s: Array) -> Array:
+    """Columns (n, k) of a random walk of unit variance after an hour, at the times (n,) of a campaign.
+
+    What it does from one reading to the next does not depend on what it did before, so that a pause is one step of it,
+    and the columns are for the time in which something is read.
+    """
+    hours = elapsed_s / HOUR_S
+    in_order = np.sort(hours)
+    waited = np.diff(in_order)
+    longest = np.argsort(-waited, kind="stable")[:MOST_PAUSES]
+    pauses = longest[waited[longest] > LEAST_PAUSE_H]
+    after = (hours[:, None] >= in_order[pauses + 1]).astype(np.float64)
+    at_work = hours - after @ waited[pauses]
+    terms = np.clip(np.ceil(WALK_TERMS_PER_HOUR * np.ptp(at_work)), LEAST_WALK_TERMS, MOST_WALK_TERMS)
+    return np.column_stack([random_walk_basis(at_work, int(terms)), after * np.sqrt(waited[pauses])])
 
 
-def wave_pairs(duration_s: float) -> int:
-    """Pairs of waves over a campaign, between which no other wave is missed."""
-    between = np.ceil(duration_s / SHORTEST_WAVE_S / WAVE_SPACING)
-    return int(np.clip(between + 1.0, LEAST_WAVE_PAIRS, MOST_WAVE_PAIRS))
+def temperature_waves(elapsed_s: Array) -> Array:
+    """The same of waves of unit RMS in all, between which no other wave is missed while something is read."""
+    pairs = np.ceil(np.ptp(elapsed_s) / SHORTEST_WAVE_S / WAVE_SPACING) + 1.0
+    waves = fourier_basis(elapsed_s, SHORTEST_WAVE_S, int(np.clip(pairs, LEAST_WAVE_PAIRS, MOST_PAIRS)))
+    return principal_columns(waves, MOST_WAVE_COLUMNS)
 
 
 def drift_per_sqrt_h(axis: str, levels: DisturbanceLevels, accuracy: AccuracyEntry) -> float:

@@ -17,7 +17,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.outliers import are_elsewhere
 from calibration.diagnosis.disturbances import disturbance_columns
-from calibration.diagnosis.linearisation import Unknowns, linearise
+from calibration.diagnosis.linearisation import LinearisationPoint, Unknowns, linearise, linearise_at, most_likely
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
 from calibration.diagnosis.nest_readings import columns_of_all_readings, nest_columns
 from calibration.diagnosis.observed_model import ObservedModel
@@ -39,6 +39,8 @@ from calibration.reduction.left_out import GIANT, LeftOutReading
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 GATINGS, LEAST_VISITS = 8, 20
+# With disturbances in the model: steps to where it is linear, and how near by their tolerances unknowns have to be.
+MOST_STEPS, NEAR_SIGMA = 3, 1.0
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
 
@@ -274,27 +276,20 @@ def _linearise_rows(
     observations, visit, smr = _observations(used, setups)
     _require_enough_visits(used.machine, observations.visits)
     unknowns = Unknowns.of(used, observations, setups)
-    point = linearise(unknowns, SmrPositions(observations, unknowns.station), recording.file.campaign, held)
-    observed = ObservedModel(
-        machine=used.machine,
-        context=context_of_recording(used),
-        smr=smr,
-        visit=visit,
-        poses=point.poses,
-        frame=unknowns.station.frame(point.values[unknowns.of_model :]),
-        mounted_m=unknowns.mounted_m(used.machine, point.values),
-        position_m=used.positions_m,
-        station_m=setups.translation_m[setups.rows(used["station"])],
-    )
-    # A reflector may be put into its floor nest anew for each check.
-    seat_m2 = recording.file.nuisance.reseat_m**2 * observed.on_floor[:, None, None] * np.eye(3)
-    whiten = whitening(used.covariances_m2 + seat_m2, used.positions_m)
-    by_unknowns, residual = columns_of_all_readings(observed, whiten, unknowns, point, setups.rows(used["station"]))
-    by_nests, nest_names = nest_columns(observed, whiten)
-    by_disturbances, disturbance_names = disturbance_columns(
-        observed, whiten, recording.file.nuisance, recording.file.station.accuracy, recording.file.nest_limit_m
-    )
-    columns = np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2)
+    readings, campaign = SmrPositions(observations, unknowns.station), recording.file.campaign
+    point = linearise(unknowns, readings, campaign, held)
+    at_point = _columns_at(point, used, unknowns, setups, visit, smr)
+    for _ in range(MOST_STEPS):
+        # What a station that drifts for days reads draws the geometry to where the model is another.
+        values = most_likely(unknowns, at_point.columns, at_point.residual, held)
+        if np.all(
+            np.abs(values - point.values)[: unknowns.of_model] < NEAR_SIGMA * unknowns.sigma[: unknowns.of_model]
+        ):
+            break
+        point = linearise_at(unknowns, readings, campaign, values, point.poses.equilibrium.coordinates())
+        at_point = _columns_at(point, used, unknowns, setups, visit, smr)
+    observed, whiten = at_point.observed, at_point.whiten
+    residual, columns = at_point.residual, at_point.columns
     judged = judge_readings(observed, whiten, residual, columns) if judge else None
     q = inverse_covariance_factor(columns)
     linear = LinearModel(
@@ -307,15 +302,68 @@ def _linearise_rows(
         whiten=whiten,
         residual=residual,
         columns=columns,
-        names=(*unknowns.names, *nest_names, *disturbance_names),
+        names=at_point.names,
         sigma=unknowns.sigma,
         values=point.values,
         q=q,
-        of_calibration=by_unknowns.shape[2] + by_nests.shape[2],
+        of_calibration=at_point.of_calibration,
         weight=np.ones(len(residual)),
     )
     weight = weights_by_model(residual, q)
     return linear if weight is None else linear.reweighted(weight), judged
+
+
+@dataclass(frozen=True)
+class _Columns:
+    """Of all readings: whiten (n, 3, 3), residual (n, 3), and columns (n, 3, c) with their names: of_calibration of
+    unknowns and nests, then those of disturbances."""
+
+    observed: ObservedModel
+    whiten: Array
+    columns: Array
+    residual: Array
+    names: tuple[str, ...]
+    of_calibration: int
+
+
+def _columns_at(
+    point: LinearisationPoint,
+    used: Recording,
+    unknowns: Unknowns,
+    setups: Setups,
+    visit: NDArray[np.intp],
+    smr: NDArray[np.intp],
+) -> _Columns:
+    """Everything that readings may depend on, linear about a point."""
+    setup = setups.rows(used["station"])
+    observed = ObservedModel(
+        machine=used.machine,
+        context=context_of_recording(used),
+        smr=smr,
+        visit=visit,
+        poses=point.poses,
+        frame=unknowns.station.frame(point.values[unknowns.of_model :]),
+        mounted_m=unknowns.mounted_m(used.machine, point.values),
+        position_m=used.positions_m,
+        station_m=setups.translation_m[setup],
+    )
+    nuisance = used.file.nuisance
+    # A reflector may be put into its floor nest anew for each check.
+    seat_m2 = nuisance.reseat_m**2 * observed.on_floor[:, None, None] * np.eye(3)
+    whiten = whitening(used.covariances_m2 + seat_m2, used.positions_m)
+    by_unknowns, residual = columns_of_all_readings(observed, whiten, unknowns, point, setup)
+    by_nests, nest_names = nest_columns(observed, whiten)
+    by_disturbances, disturbance_names = disturbance_columns(
+        observed, whiten, nuisance, used.file.station.accuracy, used.file.nest_limit_m
+    )
+    return _Columns(
+        observed,
+        whiten,
+        np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2),
+        residual,
+        (*unknowns.names, *nest_names, *disturbance_names),
+        by_unknowns.shape[2] + by_nests.shape[2],
+    )
 
 
 def usable_rows(recording: Recording) -> NDArray[np.intp]:

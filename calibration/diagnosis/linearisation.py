@@ -85,38 +85,56 @@ class LinearisationPoint:
 def linearise(
     unknowns: Unknowns, readings: SmrPositions, campaign: str, held: Mapping[str, float] | None = None
 ) -> LinearisationPoint:
-    """Gauss-Newton steps from nominal values to the point at which the model is linear.
+    """Gauss-Newton steps from nominal values to a point at which the model is linear, as if nothing disturbed it.
 
     held: values of unknowns, in SI units, that no step moves; of those that the campaign does not have none is needed.
     """
-    model, sigma, observations = unknowns.model, unknowns.sigma, readings.observations
-    stiffness = model.parameters.rows("ln_stiffness")
-
-    def point(values: Array, start: Array) -> LinearisationPoint:
-        poses = model.predict(values[: len(model)], observations.visits, start)
-        if not np.all(poses.equilibrium.converged):
-            raise InputError(
-                f"recording {campaign}: the model finds no equilibrium for a visit; check units, drive coordinates and "
-                "that the machine file fits the machine"
-            )
-        compared = readings.compare(poses, observations.visit[:, None], values[len(model) :])
-        columns = np.concatenate([compared.by_model, compared.by_own], axis=2) * sigma
-        residual = np.einsum("nwu,u->nw", columns, values / sigma) - compared.residual
-        return LinearisationPoint(values, poses, columns, residual)
-
-    held = held or {}
-    free = np.array([name not in held for name in unknowns.names])
-    start = np.array([held.get(name, 0.0) for name in unknowns.names])
-    current = point(start, observations.visits.target_m)
+    start = np.array([(held or {}).get(name, 0.0) for name in unknowns.names])
+    point = linearise_at(unknowns, readings, campaign, start, readings.observations.visits.target_m)
     for _ in range(LINEARISATION_STEPS):
-        flat = current.columns.reshape(-1, sigma.size)
-        scaled, of_free = start / sigma, flat[:, free]
-        right = of_free.T @ (current.residual.ravel() - flat[:, ~free] @ scaled[~free])
-        scaled[free] = np.linalg.solve(of_free.T @ of_free + np.eye(of_free.shape[1]), right)
-        # A strong effect can drive the stiffness to any value; the point of linearisation has to remain plausible.
-        scaled[stiffness] = np.clip(scaled[stiffness], -STIFFNESS_LIMIT_SIGMA, STIFFNESS_LIMIT_SIGMA)
-        current = point(scaled * sigma, current.poses.equilibrium.coordinates())
-    return current
+        values = most_likely(unknowns, point.columns, point.residual, held)
+        point = linearise_at(unknowns, readings, campaign, values, point.poses.equilibrium.coordinates())
+    return point
+
+
+def linearise_at(
+    unknowns: Unknowns, readings: SmrPositions, campaign: str, values: Array, start: Array
+) -> LinearisationPoint:
+    """The model at some values (u,); start (v, c): coordinates of the poses, by which they are found.
+
+    Raises InputError if they are not.
+    """
+    model, sigma, observations = unknowns.model, unknowns.sigma, readings.observations
+    poses = model.predict(values[: len(model)], observations.visits, start)
+    if not np.all(poses.equilibrium.converged):
+        raise InputError(
+            f"recording {campaign}: the model finds no equilibrium for a visit; check units, drive coordinates and "
+            "that the machine file fits the machine"
+        )
+    compared = readings.compare(poses, observations.visit[:, None], values[len(model) :])
+    columns = np.concatenate([compared.by_model, compared.by_own], axis=2) * sigma
+    residual = np.einsum("nwu,u->nw", columns, values / sigma) - compared.residual
+    return LinearisationPoint(values, poses, columns, residual)
+
+
+def most_likely(unknowns: Unknowns, columns: Array, residual: Array, held: Mapping[str, float] | None = None) -> Array:
+    """Values (u,) of the unknowns, in SI units, by a linear model of whitened columns (n, 3, c) and residual (n, 3).
+
+    Their columns come first; those of what else may be in the readings follow.
+    """
+    held, stiffness = held or {}, unknowns.model.parameters.rows("ln_stiffness")
+    count = len(unknowns.names)
+    flat = columns.reshape(-1, columns.shape[2])
+    free = np.ones(flat.shape[1], dtype=np.bool_)
+    free[:count] = [name not in held for name in unknowns.names]
+    scaled = np.zeros(flat.shape[1])
+    scaled[:count] = np.array([held.get(name, 0.0) for name in unknowns.names]) / unknowns.sigma
+    of_free = flat[:, free]
+    right = of_free.T @ (residual.ravel() - flat[:, ~free] @ scaled[~free])
+    scaled[free] = np.linalg.solve(of_free.T @ of_free + np.eye(of_free.shape[1]), right)
+    # A strong effect can drive the stiffness to any value; the point of linearisation has to remain plausible.
+    scaled[stiffness] = np.clip(scaled[stiffness], -STIFFNESS_LIMIT_SIGMA, STIFFNESS_LIMIT_SIGMA)
+    return np.asarray(scaled[:count] * unknowns.sigma)
 
 
 def initial_frame(used: Recording, observations: ReflectorObservations) -> Frame:

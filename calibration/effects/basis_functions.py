@@ -71,6 +71,17 @@ def fourier_basis(t_s: Array, shortest_s: float, pairs: int) -> Array:
     return np.concatenate([np.sin(phase), np.cos(phase)], axis=1) / np.sqrt(pairs)
 
 
+def principal_columns(columns: Array, most: int) -> Array:
+    """Columns (n, most) whose random combinations are nearly those of all (n, k); all where there are no more.
+
+    By principal components over the readings: of a family in time what varies while something is read.
+    """
+    if columns.shape[1] <= most:
+        return columns
+    directions = np.linalg.eigh(columns.T @ columns)[1][:, ::-1]
+    return np.asarray(columns @ directions[:, :most])
+
+
 def tensor_product(a: Array, b: Array) -> Array:
     """Products (n, j k) of each column of one family with each of another."""
     return np.asarray((a[:, :, None] * b[:, None, :]).reshape(len(a), -1))

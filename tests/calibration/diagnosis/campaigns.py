@@ -21,7 +21,7 @@ from calibration.recording.header import RecordingFile
 from calibration.recording.recording import Recording, make_recording
 from mock_devices.effects import EffectChoice
 from mock_devices.machine_file import read_machine_file
-from mock_devices.recordings.design import DesignOptions, draw_design
+from mock_devices.recordings.design import Design, DesignOptions, draw_design
 from mock_devices.recordings.maker import SimulatedCampaign
 from mock_devices.settings import InstrumentProfile, MockSettings
 
@@ -40,11 +40,17 @@ def example() -> str:
 
 
 def plant(
-    visits: int, *effects: EffectChoice, seed: int = 1, design: DesignOptions | None = None, **settings
+    visits: int,
+    *effects: EffectChoice,
+    seed: int = 1,
+    design: DesignOptions | None = None,
+    exchange_s: float = Design.exchange_s,
+    **settings,
 ) -> SimulatedCampaign:
-    """The mock plant with a drawn campaign; its station does not drift."""
+    """The mock plant with a drawn campaign; its station does not drift. exchange_s: pauses between its payloads."""
     design = replace(design or DesignOptions(), visits=visits, poses=2 * visits // 3)
     drawn = draw_design(read_machine_file(PLANAR), np.random.default_rng(seed), design)
+    drawn = replace(drawn, exchange_s=exchange_s)
     settings = {"instrument": STILL, "seed": seed, "effects": effects} | settings
     return SimulatedCampaign(PLANAR, MockSettings(**settings), drawn)
 

@@ -15,7 +15,7 @@ from calibration.recording.header import DRIFT_LEVER_M, HOUR_S, AccuracyEntry, D
 
 STRUT_WEIGHT_SHARE = 0.05  # of the moving mass: standard deviation of a strut's own weight at its platform joint
 # What of a disturbance is finer than its columns looks like something else, so a long campaign has more of them.
-WALK_TERMS_PER_HOUR, LEAST_WALK_TERMS, MOST_WALK_TERMS = 6.0, 24, 48
+WALK_TERMS_PER_HOUR, LEAST_WALK_TERMS, MOST_WALK_TERMS = 10.0, 24, 96
 LEAST_PAUSE_H, MOST_PAUSES = 1.0, 24  # between two readings, over which a walk is one step: the longest ones
 SHORTEST_WAVE_S = 1500.0
 WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_COLUMNS = 0.9, 8, 80  # spacing of frequencies in periods over the campaign

@@ -39,8 +39,9 @@ from calibration.reduction.left_out import GIANT, LeftOutReading
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 GATINGS, LEAST_VISITS = 8, 20
-# With disturbances in the model: steps to where it is linear, and how near by their tolerances unknowns have to be.
-MOST_STEPS, NEAR_SIGMA = 3, 1.0
+# Steps to where the model is linear with disturbances in it, how far in tolerances an unknown moves at least for one
+# more, and how much closer to their nominal values all together have to come.
+MOST_STEPS, NEAR_SIGMA, CLOSER = 3, 1.0, 0.7
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
 
@@ -280,11 +281,13 @@ def _linearise_rows(
     point = linearise(unknowns, readings, campaign, held)
     at_point = _columns_at(point, used, unknowns, setups, visit, smr)
     for _ in range(MOST_STEPS):
-        # What a station that drifts for days reads draws the geometry to where the model is another.
+        # What a station that drifts for days reads draws the geometry to where the model is another. An effect may too,
+        # and disturbances that have to stand for it would draw it farther.
         values = most_likely(unknowns, at_point.columns, at_point.residual, held)
-        if np.all(
-            np.abs(values - point.values)[: unknowns.of_model] < NEAR_SIGMA * unknowns.sigma[: unknowns.of_model]
-        ):
+        before, after = (
+            each[: unknowns.of_model] / unknowns.sigma[: unknowns.of_model] for each in (point.values, values)
+        )
+        if np.max(np.abs(after - before)) < NEAR_SIGMA or np.linalg.norm(after) > CLOSER * np.linalg.norm(before):
             break
         point = linearise_at(unknowns, readings, campaign, values, point.poses.equilibrium.coordinates())
         at_point = _columns_at(point, used, unknowns, setups, visit, smr)

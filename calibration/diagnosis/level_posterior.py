@@ -31,6 +31,7 @@ MOST_SIGMAS = 5.0  # of the prior: farther levels are not looked at
 QUANTILE = 1.645  # 95 %, one-sided
 STEP = 0.05  # of a logarithm, for second derivatives
 FACTOR_OF_READINGS = 2.0  # of the readings' scatter over the stated one
+FEW_READINGS = 15.0  # degrees of freedom, with fewer of which nothing tells scatter from a cause
 MORE_SCATTER = 0.2  # of their variance over the stated one, that is worth another look
 
 
@@ -58,10 +59,10 @@ class LevelPosterior:
         ]
         self._stated_share = np.concatenate([_share_of_stated_drift(linear), np.zeros(fixed)])
         flat, y = columns.reshape(-1, columns.shape[2]), linear.residual.ravel()
-        self._gram, self._along, self._square, self._count = flat.T @ flat, flat.T @ y, float(y @ y), len(y)
+        self._gram, self._along, self._square = flat.T @ flat, flat.T @ y, float(y @ y)
+        self._count, self._tells_scatter = linear.numbers_read, linear.degrees_of_freedom >= FEW_READINGS
         self._with_level = np.any(self._of_key, axis=0)
         self._of_rest: dict[float, _WithoutRest] = {}
-        self._may_scatter = linear.may_scatter
 
     def log_density(self, x: Array) -> float:
         """Up to a constant."""
@@ -98,7 +99,7 @@ class LevelPosterior:
         return self._ordinary(scattering=False)
 
     def most_likely_scatter(self) -> Array:
-        """The same with the stated and default levels: readings alone may scatter more."""
+        """The same with the stated and default levels: readings alone may scatter more, unless they are few."""
         stated = np.zeros_like(self.prior)
         if not self._scatters_more(stated):
             return stated
@@ -107,7 +108,7 @@ class LevelPosterior:
         return self._most_likely(stated, highest)
 
     def _scatters_more(self, x: Array) -> bool:
-        return bool(self._may_scatter and self.gradient(x)[-1] > MORE_SCATTER * self._count)
+        return bool(self._tells_scatter and self.gradient(x)[-1] > MORE_SCATTER * self._count)
 
     def _ordinary(self, *, scattering: bool) -> Array:
         lowest, highest = -MOST_SIGMAS * self.prior, QUANTILE * self.prior

@@ -117,7 +117,25 @@ class LinearFolder(LinearisedReadings):
     def degrees_of_freedom(self) -> float:
         """Numbers read less those that the calibration's unknowns used up."""
         used = inverse_covariance_factor(self.columns[:, :, : self.of_calibration])
-        return int(self.rows.is_first.sum()) - float(np.sum(used**2))
+        return self.numbers_read - float(np.sum(used**2))
+
+    @property
+    def numbers_read(self) -> int:
+        """A distance is one, though it has two ends."""
+        return int(self.rows.is_first.sum())
+
+    def scattering(self, times: float) -> LinearFolder:
+        """The same with readings that scatter so many times as much as the folder says."""
+        columns = self.columns / times
+        return replace(
+            self,
+            whiten=self.whiten / times,
+            residual=self.residual / times,
+            columns=columns,
+            q=self.rows.factor_of(columns),
+            left_alone={name: column / times for name, column in self.left_alone.items()},
+            rows=replace(self.rows, whiten=self.rows.whiten / times, sigma=self.rows.sigma * times),
+        )
 
     def places(self) -> Array:
         """Predicted coordinates (v, c) of each visit: commanded ones need not be in the folder."""

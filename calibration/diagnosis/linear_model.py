@@ -125,13 +125,8 @@ class LinearModel(LinearisedReadings):
             q=inverse_covariance_factor(columns),
         )
 
-    @property
-    def may_scatter(self) -> bool:
-        """What a station states of its accuracy may be too little."""
-        return True
-
     def scattering(self, times: float) -> LinearModel:
-        """The same with readings that scatter so many times as much as stated."""
+        """The same with readings that scatter so many times as much as the station's accuracy says."""
         return self.reweighted(self.weight / times)
 
     def reweighted(self, weight: Array) -> LinearModel:

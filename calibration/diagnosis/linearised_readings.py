@@ -125,13 +125,13 @@ class LinearisedReadings(ObservedModel, ABC):
         """Where each visit was (v, c), in the coordinates in which regions are withheld."""
 
     @property
-    def may_scatter(self) -> bool:
-        """Whether readings may scatter more than stated (`scattering`)."""
-        return False
+    def numbers_read(self) -> int:
+        """How many numbers of independent noise the readings are."""
+        return int(self.residual.size)
 
+    @abstractmethod
     def scattering(self, times: float) -> Self:
-        """The same with readings that scatter so many times as much as stated."""
-        raise NotImplementedError
+        """The same with readings that scatter so many times as much as stated, which may be too little."""
 
     @abstractmethod
     def with_levels(self, levels: DisturbanceLevels, scales: Array) -> LinearisedReadings:

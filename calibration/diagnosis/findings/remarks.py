@@ -93,7 +93,7 @@ def _beyond_tolerances(times: float) -> tuple[str, ...]:
 def _more_scatter(times: float) -> tuple[str, ...]:
     if times < SCATTERS:
         return ()
-    return (f"the readings scatter {times:.2f} times as much as stated: state the station's accuracy as it is",)
+    return (f"the readings scatter {times:.2f} times as much as stated: state the instrument's accuracy as it is",)
 
 
 def _kept_for_its_form(told: ToldByForm | None) -> tuple[str, ...]:

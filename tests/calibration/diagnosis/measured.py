@@ -34,11 +34,12 @@ class Wanted:
     shift: Shift = field(default=lambda drives, sides: np.zeros_like(drives))
     sides: bool = False
     turned: tuple[float, float, float] | None = None  # of the instrument's own frame
+    noise: float = 1.0  # over what the folder states
     load: Callable[[Machine, int], dict[str, np.ndarray]] = field(default=lambda machine, count: {})
 
 
 def made(wanted: Wanted) -> MeasuredMachine:
-    """A machine with drawn errors within its tolerances, measured with a standard deviation of 5 um or urad."""
+    """A machine with drawn errors within its tolerances, measured with a deviation of 5 um or urad, times noise."""
     machine, rng = load_machine(shipped_machine(wanted.machine)), np.random.default_rng(wanted.seed)
     count, model = wanted.visits, Model(ParameterSet.of(machine))
     target = rng.uniform(*machine.workspace.T, (2 * count, 6))
@@ -59,7 +60,7 @@ def made(wanted: Wanted) -> MeasuredMachine:
     coordinates = np.full((count, 6), np.nan)
     for column in wanted.columns:
         c = COLUMNS.index(column)
-        coordinates[:, c] = true[:, c] + rng.normal(0.0, SD, count)
+        coordinates[:, c] = true[:, c] + rng.normal(0.0, wanted.noise * SD, count)
     pairs = np.zeros((0, 2))
     second = np.zeros((0, 3))
     if wanted.ball_m is not None:
@@ -80,7 +81,7 @@ def made(wanted: Wanted) -> MeasuredMachine:
     )
     if wanted.sides:
         said |= {f"{name}_direction": sides[:, a] for a, name in enumerate(machine.drive_names)}
-    distance = distance + rng.normal(0.0, SD, len(distance))
+    distance = distance + rng.normal(0.0, wanted.noise * SD, len(distance))
     return MeasuredMachine(
         file, machine, visits, np.arange(count, dtype=np.float64), coordinates, pairs, distance, said
     )

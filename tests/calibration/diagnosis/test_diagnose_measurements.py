@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +15,7 @@ from calibration.diagnosis.result import Diagnosis
 from calibration.recording.delta_printer import machine_with_measurements
 from calibration.recording.klipper import parse_printer
 from tests.calibration.delta_reference import TRUE, Rows, from_json, printer_cfg
-from tests.calibration.diagnosis.measured import Wanted, forces, made, payloads, play, wave
+from tests.calibration.diagnosis.measured import SD, Wanted, forces, made, payloads, play, wave
 
 REAL = sorted((Path(__file__).parents[4] / "shared" / "real-data").glob("*.json"))
 LOBES = {"geometry.axis_tilt", "geometry.strut_length", "geometry.drive_scale", "instrument.bed.bowl"}
@@ -94,6 +96,26 @@ def test_a_machine_as_it_was_calibrated_has_no_effect():
     found = diagnose_measurements(made(Wanted(columns=("x_m", "y_m", "z_m"), sides=True)))
     assert found.verdict == "none"
     assert found.gap.before_m < 3e-6
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [Wanted(pairs=240), Wanted(columns=("x_m", "y_m", "z_m")), Wanted("planar4", ("x_m", "y_m", "rz_rad"), visits=60)],
+    ids=["distances", "places", "pose"],
+)
+def test_readings_that_scatter_more_than_the_folder_says_are_no_cause(wanted):
+    found = diagnose_measurements(made(replace(wanted, noise=1.6, sides=True, seed=12)))
+    assert found.verdict == "none"
+    (remark,) = (remark for remark in found.remarks if "scatter" in remark)
+    (times,) = re.findall(r"scatter ([\d.]+) times", remark)
+    assert float(times) == pytest.approx(1.6, rel=0.1)  # some 200 degrees of freedom tell it within 5 %
+    assert found.gap.noise_floor_m == pytest.approx(1.6 * SD, rel=0.15)
+
+
+def test_a_cause_is_found_beside_more_scatter_than_stated():
+    found = diagnose_measurements(made(Wanted(columns=("x_m", "y_m", "z_m"), pairs=30, shift=wave, noise=1.6)))
+    assert (found.verdict, found.effects[0].place) == ("screw_cumulative_error", "a")
+    assert found.gap.noise_floor_m == pytest.approx(1.6 * SD, rel=0.15)
 
 
 def three_lobes(size_mm: float) -> Rows:

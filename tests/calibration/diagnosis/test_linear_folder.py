@@ -69,6 +69,26 @@ def test_columns_and_residual_are_those_of_the_readings(mixed):
     np.testing.assert_allclose(numbers_of(linear, left), readings - read(linear, drives), atol=1e-3)
 
 
+def test_a_folder_that_scatters_more_has_larger_deviations_and_the_same_readings(mixed):
+    """What was read and predicted stays, in m; in sigma it is less, as is all that answers to it."""
+    _, linear = mixed
+    linear = replace(linear, left_alone={"bar": linear.columns[:, :, 0]})
+    more = linear.scattering(1.5)
+    assert more.numbers_read == 60 + 40  # a distance is one
+    differences = np.random.default_rng(6).standard_normal((len(linear.rows), 1))
+    np.testing.assert_allclose(more.predicted(differences / 1.5), linear.predicted(differences), rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(more.lengths_m(differences / 1.5), linear.lengths_m(differences))
+    assert more.sigma_of_length_m == pytest.approx(1.5 * linear.sigma_of_length_m)
+    for name in ("residual", "columns", "whiten"):
+        np.testing.assert_allclose(getattr(more, name), getattr(linear, name) / 1.5)
+    np.testing.assert_allclose(more.rows.whiten, more.whiten)
+    np.testing.assert_allclose(more.left_alone["bar"], linear.left_alone["bar"] / 1.5)
+    flat = more.columns.reshape(len(more.rows), -1)
+    covariance = np.eye(len(flat)) + flat @ flat.T
+    y = more.residual.ravel()
+    assert y @ more.apply(more.residual).ravel() == pytest.approx(y @ np.linalg.solve(covariance, y), rel=1e-3)
+
+
 def test_rows_respond_as_the_readings_do(mixed):
     """A drive moved at each visit by its own amount, against finite differences of heights and distances."""
     _, linear = mixed

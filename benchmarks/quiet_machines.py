@@ -4,9 +4,9 @@
 
 Campaigns of a night or of four days on the mock plant, its drift or its warmth strong; and N machines of every shipped
 kind that state too little: geometry within 2.5 times the tolerances of the machine file, readings that scatter 1.5 or 2
-times as much as the station's accuracy says, and both. Prints of each condition how many were called an effect, and how
-many `unknown`; exit status 1 if any was. Progress goes to standard error. Lines are kept in --out: stopped, the same
-command goes on after the last.
+times as much as the station's accuracy says, and both; and measurement folders of four machines that do. Prints of each
+condition how many were called an effect, and how many `unknown`; exit status 1 if any was. Progress goes to standard
+error. Lines are kept in --out: stopped, the same command goes on after the last.
 """
 
 from __future__ import annotations
@@ -22,16 +22,21 @@ import numpy as np
 
 from benchmarks.results_file import code_digest
 from benchmarks.timing import in_one_thread
-from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.diagnose import diagnose, diagnose_measurements
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.machine.description import shipped_machines
+from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 from mock_devices.recordings.design import DesignOptions
 from mock_devices.settings import DisturbanceLevels
 from tests.calibration.diagnosis.campaigns import plant, recorded, simulated
+from tests.calibration.diagnosis.measured import Wanted, made
 from tests.kept_results import KeptResults, key_of, until_stopped
 
-CODE = ("calibration", "mock_devices", "benchmarks/quiet_machines.py", "tests/calibration/diagnosis/campaigns.py")
+CODE = (
+    "calibration", "mock_devices", "benchmarks/quiet_machines.py",
+    "tests/calibration/diagnosis/campaigns.py", "tests/calibration/diagnosis/measured.py",
+)  # fmt: skip
 NIGHT = DesignOptions(dwells_s=(100.0, 200.0, 300.0, 600.0))
 QUIET = DisturbanceLevels(drift_m=2e-6, reseat_m=1e-6, reversal_m=5e-7, temperature_k=0.01)
 DRIFT, WARMTH = replace(QUIET, drift_m=2.5e-5), replace(QUIET, temperature_k=0.4)
@@ -39,7 +44,17 @@ VISITS_OF_A_NIGHT, VISITS, VISITS_OF_DAYS = 100, 60, 120
 BETWEEN_DAYS_S = 14.0 * 3600.0
 KINDS = len(shipped_machines())
 
-Make = Callable[[int], Recording]
+PLACE, TURN = ("x_m", "y_m", "z_m"), ("rx_rad", "ry_rad", "rz_rad")
+FOLDERS = (
+    Wanted("delta6", pairs=240, sides=True),
+    Wanted("delta6", PLACE, sides=True),
+    Wanted("delta6", ("z_m",), visits=40),
+    Wanted("planar4", ("x_m", "y_m", "rz_rad"), visits=60, sides=True),
+    Wanted("stewart6", (*PLACE, *TURN), visits=80, sides=True),
+    Wanted("rrr3", ball_m=(0.1, 0.2, 0.0), sides=True),
+)
+
+Make = Callable[[int], Recording | MeasuredMachine]
 
 
 def conditions() -> dict[str, list[Make]]:
@@ -55,6 +70,9 @@ def conditions() -> dict[str, list[Make]]:
     def states_too_little(times_tolerances: float, noise: float) -> list[Make]:
         return [partial(_of_kind, name, times_tolerances=times_tolerances, noise=noise) for name in shipped_machines()]
 
+    def folders(noise: float) -> list[Make]:
+        return [partial(_folder, wanted, noise=noise) for wanted in FOLDERS]
+
     return {
         "nine hours, drift 25 um in one": night(DRIFT),
         "nine hours, waves of 0.4 K": night(WARMTH),
@@ -65,11 +83,23 @@ def conditions() -> dict[str, list[Make]]:
         "geometry 2.5, scatter 1.5 times": states_too_little(2.5, 1.5),
         "four days, drift 25 um in an hour": four_days(DRIFT),
         "four days, waves of 0.4 K": four_days(WARMTH),
+        "folders as stated": folders(1.0),
+        "folders scatter 1.5 times": folders(1.5),
+        "folders scatter 2 times": folders(2.0),
     }
 
 
 def _of_kind(name: str, seed: int, *, times_tolerances: float, noise: float) -> Recording:
     return simulated(name, VISITS, seed=seed, noise=noise, times_tolerances=times_tolerances)
+
+
+def _folder(wanted: Wanted, seed: int, *, noise: float) -> MeasuredMachine:
+    return made(replace(wanted, seed=seed, noise=noise))
+
+
+def _verdict(measured: Recording | MeasuredMachine) -> str:
+    found = diagnose(measured) if isinstance(measured, Recording) else diagnose_measurements(measured)
+    return found.verdict
 
 
 def row(name: str, verdicts: Sequence[str]) -> str:
@@ -101,7 +131,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             key = key_of(code, name, options.seed, k)
             if key not in kept:
                 print(f"{name}: {k + 1} of {len(seeds)}", file=sys.stderr)
-                kept.add({"key": key, "verdict": diagnose(makers[k % len(makers)](seed)).verdict})
+                kept.add({"key": key, "verdict": _verdict(makers[k % len(makers)](seed))})
             verdicts.append(kept[key]["verdict"])
         called += len(verdicts) - verdicts.count(NONE)
         print(row(name, verdicts), flush=True)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks import quiet_machines
-from benchmarks.quiet_machines import conditions, main, row
+from benchmarks.quiet_machines import FOLDERS, conditions, main, row
 from calibration.machine.description import shipped_machines
 from tests.calibration.diagnosis.campaigns import simulated
 
@@ -39,7 +39,7 @@ def made(monkeypatch):
 
 
 def test_every_shipped_machine_states_too_little():
-    assert {len(makers) for makers in conditions().values()} == {1, len(shipped_machines())}
+    assert {len(makers) for makers in conditions().values()} == {1, len(shipped_machines()), len(FOLDERS)}
 
 
 def test_a_stopped_run_goes_on_and_counts_what_was_called_an_effect(tmp_path, capsys, made, monkeypatch):

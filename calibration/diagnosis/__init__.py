@@ -16,6 +16,7 @@ __all__ = [
     "diagnose",
     "disturbance_levels",
     "disturbances",
+    "disturbed_recording",
     "effect_inputs",
     "evidence",
     "findings",

@@ -16,18 +16,14 @@ from numpy.typing import NDArray
 from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.outliers import are_elsewhere
-from calibration.diagnosis.disturbances import disturbance_columns
-from calibration.diagnosis.linearisation import LinearisationPoint, Unknowns, linearise, linearise_at, most_likely
+from calibration.diagnosis.disturbed_recording import linearise_with_disturbances
+from calibration.diagnosis.linearisation import Unknowns
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
-from calibration.diagnosis.nest_readings import columns_of_all_readings, nest_columns
-from calibration.diagnosis.observed_model import ObservedModel
 from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings, lengths_m
 from calibration.diagnosis.reading_weights import SecondJudgement, weights_by_model
 from calibration.diagnosis.repeated_visits import scatter_over_visits
-from calibration.effects.context import context_of_recording
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
-from calibration.instruments.station_geometry import whitening
 from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
 from calibration.model.visits import Visits
@@ -39,9 +35,6 @@ from calibration.reduction.left_out import GIANT, LeftOutReading
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 GATINGS, LEAST_VISITS = 8, 20
-# Steps to where the model is linear with disturbances in it, how far in tolerances an unknown moves at least for one
-# more, and how much closer to their nominal values all together have to come.
-MOST_STEPS, NEAR_SIGMA, CLOSER = 3, 1.0, 0.7
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
 
@@ -272,20 +265,7 @@ def _linearise_rows(
     observations, visit, smr = _observations(used, setups)
     _require_enough_visits(used.machine, observations.visits)
     unknowns = Unknowns.of(used, observations, setups)
-    readings, campaign = SmrPositions(observations, unknowns.station), recording.file.campaign
-    point = linearise(unknowns, readings, campaign, held)
-    at_point = _columns_at(point, used, unknowns, setups, visit, smr)
-    for _ in range(MOST_STEPS):
-        # What a station that drifts for days reads draws the geometry to where the model is another. An effect may too,
-        # and disturbances that have to stand for it would draw it farther.
-        values = most_likely(unknowns, at_point.columns, at_point.residual, held)
-        before, after = (
-            each[: unknowns.of_model] / unknowns.sigma[: unknowns.of_model] for each in (point.values, values)
-        )
-        if np.max(np.abs(after - before)) < NEAR_SIGMA or np.linalg.norm(after) > CLOSER * np.linalg.norm(before):
-            break
-        point = linearise_at(unknowns, readings, campaign, values, point.poses.equilibrium.coordinates())
-        at_point = _columns_at(point, used, unknowns, setups, visit, smr)
+    point, at_point = linearise_with_disturbances(used, unknowns, observations, setups, visit, smr, held)
     observed, whiten = at_point.observed, at_point.whiten
     residual, columns = at_point.residual, at_point.columns
     judged = judge_readings(observed, whiten, residual, columns) if judge else None
@@ -309,59 +289,6 @@ def _linearise_rows(
     )
     weight = weights_by_model(residual, q)
     return linear if weight is None else linear.reweighted(weight), judged
-
-
-@dataclass(frozen=True)
-class _Columns:
-    """Of all readings: whiten (n, 3, 3), residual (n, 3), and columns (n, 3, c) with their names: of_calibration of
-    unknowns and nests, then those of disturbances."""
-
-    observed: ObservedModel
-    whiten: Array
-    columns: Array
-    residual: Array
-    names: tuple[str, ...]
-    of_calibration: int
-
-
-def _columns_at(
-    point: LinearisationPoint,
-    used: Recording,
-    unknowns: Unknowns,
-    setups: Setups,
-    visit: NDArray[np.intp],
-    smr: NDArray[np.intp],
-) -> _Columns:
-    """Everything that readings may depend on, linear about a point."""
-    setup = setups.rows(used["station"])
-    observed = ObservedModel(
-        machine=used.machine,
-        context=context_of_recording(used),
-        smr=smr,
-        visit=visit,
-        poses=point.poses,
-        frame=unknowns.station.frame(point.values[unknowns.of_model :]),
-        mounted_m=unknowns.mounted_m(used.machine, point.values),
-        position_m=used.positions_m,
-        station_m=setups.translation_m[setup],
-    )
-    nuisance = used.file.nuisance
-    # A reflector may be put into its floor nest anew for each check.
-    seat_m2 = nuisance.reseat_m**2 * observed.on_floor[:, None, None] * np.eye(3)
-    whiten = whitening(used.covariances_m2 + seat_m2, used.positions_m)
-    by_unknowns, residual = columns_of_all_readings(observed, whiten, unknowns, point, setup)
-    by_nests, nest_names = nest_columns(observed, whiten)
-    by_disturbances, disturbance_names = disturbance_columns(
-        observed, whiten, nuisance, used.file.station.accuracy, used.file.nest_limit_m
-    )
-    return _Columns(
-        observed,
-        whiten,
-        np.concatenate([by_unknowns, by_nests, by_disturbances], axis=2),
-        residual,
-        (*unknowns.names, *nest_names, *disturbance_names),
-        by_unknowns.shape[2] + by_nests.shape[2],
-    )
 
 
 def usable_rows(recording: Recording) -> NDArray[np.intp]:

@@ -79,8 +79,8 @@ def test_a_quiet_campaign_of_four_days_has_no_cause():
 
 
 def test_what_an_effect_draws_away_is_left_there(monkeypatch):
-    """Disturbances that would have to stand for a soft strut lead back by a quarter only: they are not what drew it."""
-    recording = recorded(plant(60, EffectChoice("link_stiffness", 20.0, "left_lower"), seed=3))
+    """Disturbances that would have to stand for a soft strut lead back by a fifth only: they are not what drew it."""
+    recording = recorded(plant(60, EffectChoice("link_stiffness", 20.0, "right_upper"), seed=3))
     found = linearise_recording(recording, judge=False).values
     monkeypatch.setattr(disturbed_recording, "MOST_STEPS", 0)
     np.testing.assert_array_equal(found, linearise_recording(recording, judge=False).values)

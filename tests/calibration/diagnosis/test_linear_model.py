@@ -32,6 +32,16 @@ def refused(recording, match: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+def test_what_is_held_stays_and_the_rest_is_fitted_beside_it():
+    recording = simulated("planar4", 40, seed=3)
+    free = linearise_recording(recording)
+    held = {name: 0.5 * free.sigma[free.names.index(name)] for name in free.names[:2]}
+    linear = linearise_recording(recording, held=held)
+    np.testing.assert_allclose(linear.values[:2], list(held.values()), rtol=1e-12)
+    assert np.all(free.values[:2] != linear.values[:2])
+    assert np.any(np.abs(linear.values - free.values)[2:] > 0.01 * free.sigma[2 : len(free.values)])
+
+
 @pytest.mark.parametrize("name", ["planar4", "delta8", "gough8"])
 def test_machines_within_their_tolerances_are_explained_down_to_noise(name):
     """The true machine is drawn within the tolerances and solved as a whole, not linearised."""

@@ -24,6 +24,7 @@ SHORT = {
     "speeds_m_per_s": (1.0, 0.5),
     "dwells_s": (0.5, 1.0),
 }
+FEWER = {"verification_poses": 15}  # than a rig file may have; each is measured four times
 SLIDERS = {"acceleration_m_per_s2": 8.0}  # the same; more than cranks can have
 
 
@@ -77,7 +78,7 @@ def stop_after(readings):
 def short_rig_file(seed: int = 5, **changes: object):
     """The embedded rig with a short campaign; `changes` go into its campaign section."""
     file, machine = load_rig(embedded_rig_path())
-    campaign = file.campaign.model_copy(update={**SHORT, **SLIDERS, **changes})
+    campaign = file.campaign.model_copy(update={**SHORT, **FEWER, **SLIDERS, **changes})
     mock = file.mock.model_copy(update={"seed": seed})
     return file.model_copy(update={"campaign": campaign, "mock": mock}), machine
 

@@ -33,7 +33,7 @@ from pkm_rig.results.diagnosis_attempt import DiagnosisAttempt
 from pkm_rig.rig.certificate_section import CertificateSection
 from pkm_rig.store.audit import audit
 from pkm_rig.store.store import Store
-from tests.pkm_rig.conftest import mock_and_rig, short_rig_file, silent
+from tests.pkm_rig.conftest import FEWER, mock_and_rig, short_rig_file, silent
 from tests.pkm_rig.report.page_numbers import complaints
 from tests.pkm_rig.rig.test_rig import flat_table
 
@@ -283,7 +283,7 @@ def test_measure_then_verify_continues_the_campaign_even_after_a_broken_attempt(
     recording = store.recording(campaign)
     np.testing.assert_array_equal(recording["sequence"], np.arange(len(recording)))
     assert outcome.accepted
-    assert outcome.verified[0].before.n == 30
-    assert outcome.verified[0].after.n == 30
+    assert outcome.verified[0].before.n == FEWER["verification_poses"]
+    assert outcome.verified[0].after.n == FEWER["verification_poses"]
     assert short_table(stored_outcome(store, campaign)) == short_table(outcome)
     store.close()

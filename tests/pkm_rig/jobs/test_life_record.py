@@ -11,7 +11,7 @@ import pytest
 from calibration.identification.calibration import identify_recording
 from calibration.reduction.figures import Figures
 from pkm_rig.jobs.life_record import key_of, note_devices, operating_h, pooled, record_identified
-from pkm_rig.rig.config import RigFile
+from pkm_rig.rig.config import RigFile, embedded_rig_path, load_rig
 from pkm_rig.rig.recalibration_sections import CertificateEntry
 from pkm_rig.store.life import life_rows
 from pkm_rig.store.life_facts import covariance_of
@@ -109,7 +109,7 @@ def test_the_uncertainty_of_pooled_figures_is_that_of_draws():
         ({"certificates": [{"instrument": "station", "number": "1", "due": "soon"}]}, "due"),
     ],
 )
-def test_a_rig_file_that_cannot_be_is_refused(short_rig, change, complaint):
-    _, rig = short_rig
+def test_a_rig_file_that_cannot_be_is_refused(change, complaint):
+    file, _ = load_rig(embedded_rig_path())
     with pytest.raises(ValueError, match=complaint):
-        RigFile.model_validate(rig.file.model_dump(mode="json") | change)
+        RigFile.model_validate(file.model_dump(mode="json") | change)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.detectable_effects import NO_INSTRUMENT, detectable_effects
+from calibration.diagnosis.detectable_effects import NO_INSTRUMENT
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.findings.effect_summary import equivalent_effects, summarise_effect
@@ -25,17 +25,16 @@ from calibration.diagnosis.findings.withheld_blocks import (
     withheld_differences,
 )
 from calibration.diagnosis.folder_effects import effects_of_unknowns
-from calibration.diagnosis.levels_and_causes import LevelsAndCauses, SearchOfLevelsAndCauses
 from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
 from calibration.diagnosis.linear_model import LinearModel, linearise_again, linearise_recording, require_recording
 from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.diagnosis.non_parametric import LEFT_SIGMA, log_evidence_at_platform
-from calibration.diagnosis.periodogram import Periodogram
 from calibration.diagnosis.ranking import Cause, differs_by_visit, include_cause
 from calibration.diagnosis.reading_weights import judge_beside_causes
 from calibration.diagnosis.result import NONE, UNKNOWN, Clue, Diagnosis, VisitGaps, Withheld
 from calibration.diagnosis.search import SearchResult, include_effects
 from calibration.diagnosis.search_budget import BY_VISIT, SearchBudget
+from calibration.diagnosis.searched_readings import search_readings
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.twin.folder_twin import FolderTwin, score_folder_twin, twin_of_folder
 from calibration.diagnosis.twin.joint_fit import JointFit
@@ -146,14 +145,14 @@ def _diagnose_with_models(
     linear: LinearisedReadings, catalogue: Catalogue | None, work: float = VERDICT.search_work
 ) -> _DiagnosisWithModels:
     catalogue, stated = catalogue or load_catalogue(), linear.levels
-    searched = _search(linear, catalogue, SearchBudget(limit=work))
+    searched = search_readings(linear, catalogue, SearchBudget(limit=work))
     if isinstance(linear, LinearModel):
         beside_causes = searched.found.result.likelihoods[-1]
         judged = judge_beside_causes(beside_causes, require_recording(beside_causes.linear).weight)
         if judged is not None:
             again = SearchBudget(found=_begins_of(searched.found.result.causes), limit=work)
             del searched  # half of the memory: what follows needs none of its columns
-            searched = _search(linearise_again(linear, judged), catalogue, again)
+            searched = search_readings(linearise_again(linear, judged), catalogue, again)
     inputs, by_drive, not_tested, found = searched.inputs, searched.by_drive, searched.not_tested, searched.found
     likelihood, search_result = found.likelihood, found.result
     linear = likelihood.linear
@@ -215,29 +214,10 @@ def _diagnose_with_models(
     return _DiagnosisWithModels(diagnosis, likelihood, truth_likelihood, causes, inputs)
 
 
-@dataclass(frozen=True)
-class _Searched:
-    """What was found in readings, and with what. not_tested: effects that could not be, and why."""
-
-    inputs: EffectInputs
-    by_drive: tuple[Periodogram, ...]
-    not_tested: dict[str, str]
-    found: LevelsAndCauses
-
-
 def _begins_of(causes: Sequence[Cause]) -> set[str]:
     """What searches that found some causes began with."""
     names = {cause.effect.name for cause in causes}
     return names | ({BY_VISIT} if any(differs_by_visit(cause) for cause in causes) else set())
-
-
-def _search(linear: LinearisedReadings, catalogue: Catalogue, budget: SearchBudget) -> _Searched:
-    likelihood = MarginalLikelihood.of(linear)
-    by_drive = periodograms(likelihood)
-    inputs = inputs_of_recording(likelihood, by_drive)
-    effects, not_tested = detectable_effects(inputs, catalogue)
-    found = SearchOfLevelsAndCauses(likelihood, inputs, effects, budget).most_likely()
-    return _Searched(inputs, by_drive, not_tested, found)
 
 
 def _withheld(linear: LinearisedReadings, before: Array, after: Array) -> Withheld:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,19 @@ STEP = 0.05  # of a logarithm, for second derivatives
 FACTOR_OF_READINGS = 2.0  # of the readings' scatter over the stated one
 FEW_READINGS = 15.0  # degrees of freedom, with fewer of which nothing tells scatter from a cause
 MORE_SCATTER = 0.2  # of their variance over the stated one, that is worth another look
+
+
+@dataclass(frozen=True)
+class Explained:
+    """What something that moves several readings together explains of the products of columns (b) and of the residual.
+
+    gram (b, b), along (b,), square; log_determinant: of the readings' covariance over the one without.
+    """
+
+    gram: Array
+    along: Array
+    square: float
+    log_determinant: float
 
 
 class LevelPosterior:
@@ -61,8 +75,22 @@ class LevelPosterior:
         flat, y = columns.reshape(-1, columns.shape[2]), linear.residual.ravel()
         self._gram, self._along, self._square = flat.T @ flat, flat.T @ y, float(y @ y)
         self._count, self._tells_scatter = linear.numbers_read, linear.degrees_of_freedom >= FEW_READINGS
+        self._log_determinant = 0.0
         self._with_level = np.any(self._of_key, axis=0)
         self._of_rest: dict[float, _WithoutRest] = {}
+
+    def without(self, explained: Explained) -> LevelPosterior:
+        """The same where readings are off together, which explains a part of their products."""
+        other = copy(self)
+        other._gram, other._along = self._gram - explained.gram, self._along - explained.along
+        other._square, other._log_determinant = self._square - explained.square, explained.log_determinant
+        other._of_rest = {}
+        return other
+
+    def fit(self) -> tuple[Array, Array]:
+        """Coefficients (c,) of all columns at the stated levels, over their standard deviations, and covariance."""
+        covariance = np.asarray(np.linalg.inv(np.eye(len(self._gram)) + self._gram), np.float64)
+        return covariance @ self._along, covariance
 
     def log_density(self, x: Array) -> float:
         """Up to a constant."""
@@ -148,7 +176,7 @@ class LevelPosterior:
         inverse = cho_solve(factor, np.eye(len(scale)), overwrite_b=True)
         score = inverse @ along / variance
         square = (self._square - rest.square - float(along @ score)) / variance
-        determinant = self._count * math.log(variance) + rest.log_determinant
+        determinant = self._count * math.log(variance) + self._log_determinant + rest.log_determinant
         determinant += 2.0 * float(np.sum(np.log(np.diag(factor[0]))))
         value = -0.5 * (square + determinant) - 0.5 * float(np.sum((x / self.prior) ** 2))
         # d/dx = 1/2 r' dC r - 1/2 tr(C^-1 dC) with r = C^-1 y.

@@ -72,18 +72,23 @@ class ToldByForm:
 class LevelsAndCauses:
     """The most likely explanation, and the log evidence that `none` has at other levels over that at these.
 
+    log_posterior, log_evidence: of the explanation and of `none`, as those of the search at its levels.
     told_by_form: None where no effect was kept for its form alone. left_out: what no search began with, to save time.
     times_tolerances, times_scatter: how far off the geometry is most likely, over what the machine file states, and how
-    much the readings scatter, over what is stated of them.
+    much the readings scatter, over what is stated of them. positioning_sd_m: how far drives stand off anew at each
+    visit.
     """
 
     likelihood: MarginalLikelihood
     result: SearchResult
     none_elsewhere: float
+    log_posterior: float
+    log_evidence: float
     told_by_form: ToldByForm | None = None
     left_out: tuple[str, ...] = ()
     times_tolerances: float = 1.0
     times_scatter: float = 1.0
+    positioning_sd_m: float = 0.0
 
 
 class SearchOfLevelsAndCauses:
@@ -148,7 +153,8 @@ class SearchOfLevelsAndCauses:
         most_of_none = max(search.log_evidence for search in tried)
         none_elsewhere, left_out = most_of_none - best.log_evidence, tuple(self._budget.left_out)
         times = self._without_causes.levels(best.levels)[TOLERANCES], float(np.exp(best.levels[-1]))
-        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out, *times)
+        own = best.log_posterior, best.log_evidence
+        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, *own, told_by_form, left_out, *times)
 
     def _search_in_noise(self, scattering: Array) -> SearchAtLevels | None:
         """The search with readings that scatter more than stated, where no visit is off; else None.

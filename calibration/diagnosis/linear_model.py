@@ -19,6 +19,7 @@ from calibration.base.outliers import are_elsewhere
 from calibration.diagnosis.disturbed_recording import linearise_with_disturbances
 from calibration.diagnosis.linearisation import Unknowns
 from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.one_by_one import whitening_of_each
 from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings, lengths_m
 from calibration.diagnosis.reading_weights import SecondJudgement, weights_by_model
 from calibration.diagnosis.repeated_visits import scatter_over_visits
@@ -121,6 +122,22 @@ class LinearModel(LinearisedReadings):
     def scattering(self, times: float) -> LinearModel:
         """The same with readings that scatter so many times as much as the station's accuracy says."""
         return self.reweighted(self.weight / times)
+
+    def standing_off(self, sd_m: float) -> LinearModel:
+        """The same on a machine whose drives stand off anew at each visit, with a standard deviation in m.
+
+        All readings of a visit are off by that together; here it is as if each were by itself, by so much more that
+        they say as much of the drives as they do together.
+        """
+        turn = whitening_of_each(self.drive_responses(), self.visit, sd_m)
+        columns = turn @ self.columns
+        return replace(
+            self,
+            whiten=turn @ self.whiten,
+            residual=(turn @ self.residual[:, :, None])[:, :, 0],
+            columns=columns,
+            q=inverse_covariance_factor(columns),
+        )
 
     def reweighted(self, weight: Array) -> LinearModel:
         """The same with other weights (n,) of the readings."""

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.model.payload import PayloadEntry
 from calibration.recording.header import AccuracyEntry, DisturbanceLevels
@@ -169,6 +170,11 @@ class LinearisedReadings(ObservedModel, ABC):
     @abstractmethod
     def degrees_of_freedom(self) -> float:
         """Numbers read less those that the calibration's unknowns used up."""
+
+    def drive_responses(self) -> Array:
+        """Whitened shifts (n, w, d) of what is read for one unit of each drive's travel."""
+        shift_m, drives = Channels(self).shift_m, self.machine.drive_names
+        return np.stack([self.whiten_shift(shift_m(f"travel.{drive}")) for drive in drives], axis=2)
 
     def factor_of(self, columns: Array) -> Array:
         """q (n, w, r) such that 1 - q q' is the inverse covariance of the readings with columns (n, w, b)."""

@@ -30,8 +30,8 @@ def remarks(
     gap: GapFigures,
 ) -> tuple[str, ...]:
     """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances and
-    errors of geometry larger than stated, effects that are no larger than these may be, what limits the verdict, and
-    what was not tried."""
+    errors of geometry larger than stated, a machine that does not repeat, effects that are no larger than these may be,
+    what limits the verdict, and what was not tried."""
     here, search_result = linear.levels, found.result
     return (
         *_predicts_worse(search_result, verdict, gap),
@@ -39,6 +39,7 @@ def remarks(
         *_stronger_disturbances(stated, here),
         *_beyond_tolerances(found.times_tolerances),
         *_more_scatter(found.times_scatter),
+        *_does_not_repeat(found.positioning_sd_m),
         *_kept_for_its_form(found.told_by_form),
         *_of_verdict(search_result, verdict, noise_floor_m),
         *_cut_for_time(found),
@@ -94,6 +95,15 @@ def _more_scatter(times: float) -> tuple[str, ...]:
     if times < SCATTERS:
         return ()
     return (f"the readings scatter {times:.2f} times as much as stated: state the instrument's accuracy as it is",)
+
+
+def _does_not_repeat(sd_m: float) -> tuple[str, ...]:
+    if sd_m == 0.0:
+        return ()
+    return (
+        f"the machine does not repeat better than {1e6 * sd_m:.1f} um: by that standard deviation its drives stand off "
+        "anew at each visit, whatever they report, and no calibration takes that away",
+    )
 
 
 def _kept_for_its_form(told: ToldByForm | None) -> tuple[str, ...]:

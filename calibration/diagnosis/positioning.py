@@ -1,0 +1,93 @@
+"""What a machine does not repeat: how far its drives stand off anew at each visit, whatever they report.
+
+The readings of one visit are off together by it, so that it is no scatter of the readings, which are off one by one.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.optimize import minimize_scalar
+
+from calibration.base.arrays import Array
+from calibration.diagnosis.level_posterior import QUANTILE, Explained, LevelPosterior
+from calibration.diagnosis.linearised_readings import LinearisedReadings
+
+MEDIAN_M, FACTOR = 2.0e-6, 4.0  # x = log(1 + sd / median) has a normal prior of this factor's logarithm about zero
+LEAST_SCORE = 2.0  # standard deviations of the score by which it is worth asking for
+NEAR = 0.05  # of x: nearer ones say the same
+SHARE_OF_LARGEST = 1.0e-9  # of what the readings say of a drive: directions with less are none
+
+
+class PositioningPosterior:
+    """Log posterior of the standard deviation with which drives stand off anew at each visit, over that of none.
+
+    At the stated levels of the disturbances. included (n, w, j): whitened columns of causes in the model, each times
+    its prior standard deviation.
+    """
+
+    def __init__(self, linear: LinearisedReadings, included: Array | None = None) -> None:
+        columns = linear.columns if included is None else np.concatenate([linear.columns, included], axis=2)
+        self._levels = LevelPosterior(linear, included=included)
+        response, residual = linear.drive_responses(), linear.residual[:, :, None]
+        visits, of_visit = np.unique(linear.home_visit, return_inverse=True)
+        square, of_columns, of_residual = (
+            _sums(np.swapaxes(response, 1, 2) @ each, of_visit, len(visits)) for each in (response, columns, residual)
+        )
+        values, vectors = np.linalg.eigh(square)
+        told = values > SHARE_OF_LARGEST * values.max(initial=0.0)
+        turned, scale = np.swapaxes(vectors, 1, 2), np.sqrt(values[told])
+        self._values = values[told]
+        self._columns = (turned @ of_columns)[told] / scale[:, None]
+        self._residual = (turned @ of_residual)[told][:, 0] / scale
+
+    def most_likely_m(self) -> float:
+        """The most likely one; 0 where the readings of a visit are not off together by more than noise is."""
+        if self._score() < LEAST_SCORE:
+            return 0.0
+        bounds = (0.0, QUANTILE * math.log(FACTOR))
+        best = minimize_scalar(
+            lambda x: -self._at_most_likely_scatter(MEDIAN_M * math.expm1(x)),
+            bounds=bounds, method="bounded", options={"xatol": NEAR},
+        )  # fmt: skip
+        return MEDIAN_M * math.expm1(float(best.x))
+
+    def gain(self, sd_m: float) -> float:
+        """Where readings may scatter more than stated, too."""
+        return self._at_most_likely_scatter(sd_m) - self._at_most_likely_scatter(0.0)
+
+    def log_evidence(self, sd_m: float) -> float:
+        """Where readings scatter as stated."""
+        stated = np.zeros(len(self._levels.prior))
+        return self._standing_off(sd_m).log_density(stated) + _log_prior(sd_m) - self._levels.log_density(stated)
+
+    def _at_most_likely_scatter(self, sd_m: float) -> float:
+        levels = self._standing_off(sd_m)
+        return levels.log_density(levels.most_likely_scatter()) + _log_prior(sd_m)
+
+    def _standing_off(self, sd_m: float) -> LevelPosterior:
+        ratio = sd_m**2 * self._values
+        weight = np.sqrt(ratio / (1.0 + ratio))
+        columns, residual = weight[:, None] * self._columns, weight * self._residual
+        log_determinant = float(np.sum(np.log1p(ratio)))
+        explained = Explained(columns.T @ columns, columns.T @ residual, float(residual @ residual), log_determinant)
+        return self._levels.without(explained)
+
+    def _score(self) -> float:
+        """Slope of the log likelihood over a small variance, in standard deviations of what noise makes of it."""
+        coefficients, covariance = self._levels.fit()
+        left = self._values * (self._residual - self._columns @ coefficients) ** 2
+        expected = self._values * (1.0 - np.sum((self._columns @ covariance) * self._columns, axis=1))
+        return float(np.sum(left - expected) / math.sqrt(2.0 * np.sum(expected**2)))
+
+
+def _log_prior(sd_m: float) -> float:
+    return -0.5 * (math.log1p(sd_m / MEDIAN_M) / math.log(FACTOR)) ** 2
+
+
+def _sums(values: Array, group: NDArray[np.intp], count: int) -> Array:
+    out = np.zeros((count, *values.shape[1:]))
+    np.add.at(out, group, values)
+    return out

@@ -1,0 +1,108 @@
+"""Machines that do not repeat: drives that stand off anew at each visit, beside effects and without any."""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+import pytest
+from scipy.linalg import block_diag
+from scipy.stats import multivariate_normal
+
+from calibration.diagnosis.diagnose import diagnose
+from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.positioning import FACTOR, MEDIAN_M, PositioningPosterior
+from calibration.diagnosis.result import NONE
+from tests.calibration.diagnosis.campaigns import simulated
+
+
+def standing_off(
+    machine: str, visits: int, sd_m: float, seed: int = 1, travel_m=lambda arrivals: 0.0, noise: float = 1.0
+):
+    """A recording of a machine whose drives stand off anew by a standard deviation in m, beside what an effect does."""
+    rng = np.random.default_rng([seed, 1])
+
+    def anew(arrivals):
+        return travel_m(arrivals) + sd_m * rng.standard_normal(arrivals.drives.shape)
+
+    return simulated(machine, visits, anew, seed=seed, noise=noise)
+
+
+def said(found) -> list[float]:
+    """In m, how far the drives of a diagnosed machine stand off anew: none, or one number."""
+    return [1e-6 * float(m[1]) for r in found.remarks if (m := re.search(r"repeat better than ([\d.]+) um", r))]
+
+
+@pytest.fixture(scope="module")
+def few():
+    """Few visits, in a linear model that is small enough for its covariance to be written down."""
+    return linearise_recording(standing_off("planar4", 24, 8e-6))
+
+
+@pytest.mark.parametrize("sd_m", [2e-6, 9e-6])
+def test_its_evidence_is_that_of_the_covariance_of_all_readings(few, sd_m):
+    response, columns = few.drive_responses(), few.columns.reshape(-1, few.columns.shape[2])
+    blocks = [response[few.visit == visit].reshape(-1, response.shape[2]) for visit in np.unique(few.visit)]
+    order = np.concatenate([np.flatnonzero(few.visit == visit) for visit in np.unique(few.visit)])
+    rows = (3 * order[:, None] + np.arange(3)).ravel()
+    of_all = np.eye(len(columns)) + columns @ columns.T
+    together = np.zeros_like(of_all)
+    together[np.ix_(rows, rows)] = block_diag(*(block @ block.T for block in blocks))
+    density = [
+        multivariate_normal.logpdf(few.residual.ravel(), cov=covariance)
+        for covariance in (of_all + sd_m**2 * together, of_all)
+    ]
+    prior = -0.5 * (np.log1p(sd_m / MEDIAN_M) / np.log(FACTOR)) ** 2
+    expected = density[0] - density[1] + prior
+    assert PositioningPosterior(few).log_evidence(sd_m) == pytest.approx(expected, abs=1e-3 * abs(expected) + 1e-2)
+
+
+def test_no_reading_says_more_of_a_visit_s_drives_than_all_of_them_say_together(few):
+    sd_m = 8e-6
+    response, off = few.drive_responses(), few.standing_off(sd_m).drive_responses()
+    for visit in np.unique(few.visit[few.visit >= 0]):
+        rows = few.visit == visit
+        together = response[rows].reshape(-1, response.shape[2])
+        exact = together.T @ np.linalg.solve(np.eye(len(together)) + sd_m**2 * together @ together.T, together)
+        one_by_one = np.einsum("nwd,nwe->de", off[rows], off[rows])
+        assert np.linalg.eigvalsh(exact - one_by_one).min() > -1e-6 * exact.max()
+        assert np.trace(one_by_one) > 0.1 * np.trace(exact)
+
+
+def test_the_frame_of_floor_nests_is_known_as_well_as_before(few):
+    assert np.array_equal(few.standing_off(1e-5).columns[few.on_floor], few.columns[few.on_floor])
+
+
+@pytest.mark.parametrize("machine", ["delta6", "stewart6"])
+@pytest.mark.parametrize("sd_m", [5e-6, 2e-5])
+def test_it_is_found_as_large_as_it_is(machine, sd_m):
+    """Of some hundred draws: within a third, or at the largest that the prior expects."""
+    linear = linearise_recording(standing_off(machine, 60, sd_m, seed=3))
+    largest_m = MEDIAN_M * (FACTOR**1.645 - 1.0)
+    assert PositioningPosterior(linear).most_likely_m() == pytest.approx(min(sd_m, largest_m), rel=0.33)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("noise", [1.0, 2.0])
+def test_a_machine_that_repeats_is_not_taken_for_one_that_does_not(seed, noise):
+    """Nor is scatter of the single readings, as large as it may be."""
+    posterior = PositioningPosterior(linearise_recording(standing_off("delta6", 60, 0.0, seed, noise=noise)))
+    assert posterior.gain(posterior.most_likely_m()) < 2.0
+
+
+@pytest.mark.parametrize(("machine", "sd_m"), [("delta6", 5e-6), ("planar4", 1e-5), ("stewart6", 1e-5)])
+def test_a_machine_that_does_not_repeat_has_no_cause(machine, sd_m):
+    found = diagnose(standing_off(machine, 60, sd_m, seed=2))
+    assert found.verdict == NONE
+    assert said(found) == [pytest.approx(sd_m, rel=0.35)]
+
+
+def test_a_backlash_is_found_beside_it():
+    def lost(arrivals):
+        return np.where(np.arange(arrivals.drives.shape[1]) == 1, 1.5e-5 * arrivals.sides, 0.0)
+
+    found = diagnose(standing_off("delta6", 80, 5e-6, seed=4, travel_m=lost))
+    assert found.verdict == "backlash"
+    (effect,) = found.effects
+    assert effect.place == "b"
+    assert said(found) == [pytest.approx(5e-6, rel=0.35)]

@@ -66,7 +66,7 @@ class LevelPosterior:
         self.prior = np.log([*factors, FACTOR_OF_READINGS])
         columns, fixed = linear.columns, 0
         if included is not None:
-            columns, fixed = np.concatenate([columns, included], axis=2), included.shape[2]
+            columns, fixed = np.concatenate([columns, linear.joined(included)], axis=2), included.shape[2]
         self._of_key = [
             np.array([*(name.startswith(COLUMNS.get(key, GEOMETRY)) for name in linear.names), *[False] * fixed])
             for key in keys

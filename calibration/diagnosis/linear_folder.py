@@ -24,8 +24,15 @@ from calibration.diagnosis.disturbances import machine_disturbance_columns
 from calibration.diagnosis.folder_context import context_of_visits
 from calibration.diagnosis.folder_fit import fit_folder
 from calibration.diagnosis.folder_rows import NO_AXIS, FolderRows, rows_of
-from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, Load, inverse_covariance_factor
+from calibration.diagnosis.linearised_readings import (
+    GapScale,
+    LinearisedReadings,
+    Load,
+    OffTogether,
+    inverse_covariance_factor,
+)
 from calibration.diagnosis.observed_model import TOOL, ObservedModel
+from calibration.diagnosis.one_by_one import whitening_of_each
 from calibration.identification.measured_gate import without_wrong_readings
 from calibration.model.model import Unknown
 from calibration.model.payload import PayloadEntry
@@ -33,6 +40,8 @@ from calibration.model.visits import Visits
 from calibration.recording.header import DeclaredLevels, DisturbanceLevels
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.reduction.data_checks import require_enough_poses
+
+MOST_AT_VISITS = 1500  # drives at visits, where there are distances: of more, what each is off by would take too long
 
 
 @dataclass(frozen=True)
@@ -126,15 +135,52 @@ class LinearFolder(LinearisedReadings):
 
     def scattering(self, times: float) -> LinearFolder:
         """The same with readings that scatter so many times as much as the folder says."""
-        columns = self.columns / times
+        return self._with_noise(np.full(len(self.residual), times))
+
+    def standing_off(self, sd_m: float) -> LinearFolder:
+        """The same on a machine whose drives stand off anew at each visit.
+
+        Where there are distances it has a column for each drive at each visit: each visit may have many of them.
+        """
+        if not np.any(self.rows.has_two_ends):
+            off = OffTogether(self.drive_responses(), self.rows.visit)
+            return self._with_noise(1.0 / whitening_of_each(off, sd_m)[:, 0, 0])
+        columns = np.concatenate([self.columns, sd_m * self._drives_at_visits()], axis=2)
+        names = tuple(f"positioning.{number}" for number in range(columns.shape[2] - len(self.names)))
+        return replace(self, columns=columns, names=(*self.names, *names), q=self.rows.factor_of(columns))
+
+    def off_together(self) -> OffTogether | None:
+        """What drives do at a visit moves all that was read there; a distance is off by what they do at both."""
+        if not np.any(self.rows.has_two_ends):
+            return super().off_together()
+        if len(self.poses.visits) * len(self.machine.drive_names) > MOST_AT_VISITS:
+            return None
+        numbers = self.of_numbers(self._drives_at_visits())
+        return OffTogether(numbers, np.zeros(len(numbers), dtype=np.intp))
+
+    def _drives_at_visits(self) -> Array:
+        """Whitened shifts (n, 1, v d), joined, for one unit of each drive's travel at each visit."""
+        response, visit = self.drive_responses(), self.rows.visit
+        at = np.zeros((*response.shape[:2], int(visit.max()) + 1, response.shape[2]))
+        at[np.arange(len(visit)), :, visit] = response
+        return self.joined(at.reshape(*response.shape[:2], -1))
+
+    def of_numbers(self, whitened: Array) -> Array:
+        """Those of the first ends, from joined ones."""
+        ends = np.where(self.rows.has_two_ends, np.sqrt(2.0), 1.0).reshape(-1, *[1] * (whitened.ndim - 1))
+        return np.asarray((ends * whitened)[self.rows.is_first])
+
+    def _with_noise(self, times: Array) -> LinearFolder:
+        """The same with so many times (n,) the stated noise, the same at both ends of a distance."""
+        columns = self.columns / times[:, None, None]
         return replace(
             self,
-            whiten=self.whiten / times,
-            residual=self.residual / times,
+            whiten=self.whiten / times[:, None, None],
+            residual=self.residual / times[:, None],
             columns=columns,
             q=self.rows.factor_of(columns),
-            left_alone={name: column / times for name, column in self.left_alone.items()},
-            rows=replace(self.rows, whiten=self.rows.whiten / times, sigma=self.rows.sigma * times),
+            left_alone={name: column / times[:, None] for name, column in self.left_alone.items()},
+            rows=replace(self.rows, whiten=self.rows.whiten / times[:, None, None], sigma=self.rows.sigma * times),
         )
 
     def places(self) -> Array:

@@ -18,7 +18,12 @@ from calibration.base.errors import InputError
 from calibration.base.outliers import are_elsewhere
 from calibration.diagnosis.disturbed_recording import linearise_with_disturbances
 from calibration.diagnosis.linearisation import Unknowns
-from calibration.diagnosis.linearised_readings import GapScale, LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.linearised_readings import (
+    GapScale,
+    LinearisedReadings,
+    OffTogether,
+    inverse_covariance_factor,
+)
 from calibration.diagnosis.one_by_one import whitening_of_each
 from calibration.diagnosis.outlying_readings import JudgedReadings, judge_readings, lengths_m
 from calibration.diagnosis.reading_weights import SecondJudgement, weights_by_model
@@ -124,12 +129,8 @@ class LinearModel(LinearisedReadings):
         return self.reweighted(self.weight / times)
 
     def standing_off(self, sd_m: float) -> LinearModel:
-        """The same on a machine whose drives stand off anew at each visit, with a standard deviation in m.
-
-        All readings of a visit are off by that together; here it is as if each were by itself, by so much more that
-        they say as much of the drives as they do together.
-        """
-        turn = whitening_of_each(self.drive_responses(), self.visit, sd_m)
+        """The same on a machine whose drives stand off anew at each visit."""
+        turn = whitening_of_each(OffTogether(self.drive_responses(), self.visit), sd_m)
         columns = turn @ self.columns
         return replace(
             self,

@@ -46,6 +46,14 @@ class Load:
 
 
 @dataclass(frozen=True)
+class OffTogether:
+    """Readings (r), those of a group (r,) being off by the same d numbers: response (r, w, d), whitened."""
+
+    response: Array
+    group: NDArray[np.intp]
+
+
+@dataclass(frozen=True)
 class LinearisedReadings(ObservedModel, ABC):
     """Readings, linear in all unknowns of the calibration.
 
@@ -175,6 +183,22 @@ class LinearisedReadings(ObservedModel, ABC):
         """Whitened shifts (n, w, d) of what is read for one unit of each drive's travel."""
         shift_m, drives = Channels(self).shift_m, self.machine.drive_names
         return np.stack([self.whiten_shift(shift_m(f"travel.{drive}")) for drive in drives], axis=2)
+
+    def off_together(self) -> OffTogether | None:
+        """By what readings are off together where drives stand off anew at each visit; None if that is too much."""
+        return OffTogether(self.drive_responses(), self.home_visit)
+
+    def of_numbers(self, whitened: Array) -> Array:
+        """Whitened figures (r, w, ...) of what was read, once each, from those of the rows (n, w, ...)."""
+        return whitened
+
+    @abstractmethod
+    def standing_off(self, sd_m: float) -> Self:
+        """The same on a machine whose drives stand off anew at each visit, with a standard deviation in m or rad.
+
+        All readings of a visit are off by that together; here it is as if each were by itself, by so much more that
+        they say as much of the drives as they do together.
+        """
 
     def factor_of(self, columns: Array) -> Array:
         """q (n, w, r) such that 1 - q q' is the inverse covariance of the readings with columns (n, w, b)."""

@@ -7,22 +7,22 @@ place; that of each by itself has.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
+from calibration.diagnosis.linearised_readings import OffTogether
 
 HALVINGS = 30  # of the interval in which a factor lies
 
 
-def whitening_of_each(response: Array, group: NDArray[np.intp], sd: float) -> Array:
-    """Matrices (n, w, w) that whiten readings once more, of which those of a group (n,) are off together.
+def whitening_of_each(off: OffTogether, sd: float) -> Array:
+    """Matrices (r, w, w) that whiten once more readings that are off together, by numbers with a standard deviation.
 
-    response (n, w, d): whitened shifts of the readings for one unit of each number by which a group is off, with a
-    standard deviation in each. A reading has its own part of the covariance, I + c sd^2 J J', with such a factor c,
+    A reading has its own part of the covariance, I + c sd^2 J J', with such a factor c,
     between 1 and the number of readings in the group, that these say as much of the d numbers, in the trace of the
     information, as by the covariance of all.
     """
-    groups, of_reading = np.unique(group, return_inverse=True)
+    response = off.response
+    groups, of_reading = np.unique(off.group, return_inverse=True)
     own, vectors = np.linalg.eigh(response @ np.swapaxes(response, 1, 2))
     own = np.maximum(own, 0.0)
     square = np.zeros((len(groups), response.shape[2], response.shape[2]))

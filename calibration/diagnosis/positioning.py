@@ -13,9 +13,9 @@ from scipy.optimize import minimize_scalar
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.level_posterior import QUANTILE, Explained, LevelPosterior
-from calibration.diagnosis.linearised_readings import LinearisedReadings
+from calibration.diagnosis.linearised_readings import LinearisedReadings, OffTogether
 
-MEDIAN_M, FACTOR = 2.0e-6, 4.0  # x = log(1 + sd / median) has a normal prior of this factor's logarithm about zero
+MEDIAN_M, FACTOR = 2.0e-6, 5.0  # x = log(1 + sd / median) has a normal prior of this factor's logarithm about zero
 LEAST_SCORE = 2.0  # standard deviations of the score by which it is worth asking for
 NEAR = 0.05  # of x: nearer ones say the same
 SHARE_OF_LARGEST = 1.0e-9  # of what the readings say of a drive: directions with less are none
@@ -24,18 +24,19 @@ SHARE_OF_LARGEST = 1.0e-9  # of what the readings say of a drive: directions wit
 class PositioningPosterior:
     """Log posterior of the standard deviation with which drives stand off anew at each visit, over that of none.
 
-    At the stated levels of the disturbances. included (n, w, j): whitened columns of causes in the model, each times
-    its prior standard deviation.
+    At the stated levels of the disturbances. off: by what the readings are off together by it. included (n, w, j):
+    whitened columns of causes in the model, each times its prior standard deviation.
     """
 
-    def __init__(self, linear: LinearisedReadings, included: Array | None = None) -> None:
-        columns = linear.columns if included is None else np.concatenate([linear.columns, included], axis=2)
+    def __init__(self, linear: LinearisedReadings, off: OffTogether, included: Array | None = None) -> None:
+        columns = linear.columns
+        if included is not None:
+            columns = np.concatenate([columns, linear.joined(included)], axis=2)
         self._levels = LevelPosterior(linear, included=included)
-        response, residual = linear.drive_responses(), linear.residual[:, :, None]
-        visits, of_visit = np.unique(linear.home_visit, return_inverse=True)
-        square, of_columns, of_residual = (
-            _sums(np.swapaxes(response, 1, 2) @ each, of_visit, len(visits)) for each in (response, columns, residual)
-        )
+        groups, of_reading = np.unique(off.group, return_inverse=True)
+        read = off.response, linear.of_numbers(columns), linear.of_numbers(linear.residual)[:, :, None]
+        across = np.swapaxes(off.response, 1, 2)
+        square, of_columns, of_residual = (_sums(across @ each, of_reading, len(groups)) for each in read)
         values, vectors = np.linalg.eigh(square)
         told = values > SHARE_OF_LARGEST * values.max(initial=0.0)
         turned, scale = np.swapaxes(vectors, 1, 2), np.sqrt(values[told])

@@ -17,9 +17,9 @@ import numpy as np
 from calibration.diagnosis.detectable_effects import detectable_effects
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.level_posterior import FEW_READINGS
 from calibration.diagnosis.levels_and_causes import LevelsAndCauses, SearchOfLevelsAndCauses
-from calibration.diagnosis.linear_model import LinearModel
-from calibration.diagnosis.linearised_readings import LinearisedReadings
+from calibration.diagnosis.linearised_readings import LinearisedReadings, OffTogether
 from calibration.diagnosis.non_parametric import rank_non_parametric
 from calibration.diagnosis.periodogram import Periodogram
 from calibration.diagnosis.positioning import PositioningPosterior
@@ -31,7 +31,7 @@ from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import Catalogue
 
 WORTH_SEARCHING = 2.0  # log posterior that drives which stand off anew have over such that do not
-MOST_SEARCHES = 2  # beside causes that were found
+MOST_SEARCHES = 3  # beside causes that were found
 ALIKE = 0.2  # of the logarithm of a standard deviation: nearer ones say the same
 
 
@@ -49,39 +49,83 @@ class Searched:
         """Whether there is no cause, nor any function that explains what an unknown one would."""
         return not (self.found.result.causes or something_is_left(self.found.result))
 
+    @property
+    def finds_all(self) -> bool:
+        """Whether there are causes that leave nothing."""
+        return bool(self.found.result.causes) and not something_is_left(self.found.result)
+
+    @property
+    def main_causes(self) -> list[Cause]:
+        """The strongest effect, at all its places."""
+        causes = self.found.result.causes
+        return [cause for cause in causes if cause.effect.name == causes[0].effect.name]
+
 
 def search_readings(linear: LinearisedReadings, catalogue: Catalogue, budget: SearchBudget) -> Searched:
     """The most likely explanation of the readings."""
-    stated = _ReadingsToSearch(linear, catalogue)
-    if not isinstance(linear, LinearModel):
-        return stated.search(budget)
-    posterior = PositioningPosterior(linear)
-    sd_m = posterior.most_likely_m()
-    if sd_m == 0.0 or posterior.gain(sd_m) < WORTH_SEARCHING:
-        return stated.search(budget)
+    if linear.degrees_of_freedom < FEW_READINGS or (off := linear.off_together()) is None:
+        return _ReadingsToSearch(linear, catalogue).search(budget)
+    return _SearchOfPositioning(linear, off, catalogue, budget).most_likely()
 
-    def standing_off(sd_m: float) -> _ReadingsToSearch:
-        return _ReadingsToSearch(linear.standing_off(sd_m), catalogue, sd_m, posterior.log_evidence(sd_m))
 
-    alone = standing_off(sd_m)
-    # Where no function explains anything, what drives do at random is all there is, or most of it.
-    first, at_m = (stated, 0.0) if alone.any_function_explains_something else (alone, sd_m)
-    tried = {at_m: first.search(budget)}
-    if at_m > 0.0 and tried[at_m].finds_nothing:
-        return tried[at_m]
-    if at_m == 0.0 and tried[at_m].found.log_posterior < alone.log_evidence:
-        at_m = sd_m
-        tried[at_m] = alone.search(budget)
-    for _ in range(MOST_SEARCHES):
-        if not (causes := tried[at_m].found.result.causes):
-            break
-        at_m = _most_likely_beside(stated.likelihood, causes)
-        if any(_alike(at_m, other_m) for other_m in tried):
-            break
-        tried[at_m] = (standing_off(at_m) if at_m > 0.0 else stated).search(budget)
-    best = max(tried.values(), key=lambda searched: searched.found.log_posterior)
-    most_of_none = max(searched.found.log_evidence + searched.found.none_elsewhere for searched in tried.values())
-    return replace(best, found=replace(best.found, none_elsewhere=most_of_none - best.found.log_evidence))
+class _SearchOfPositioning:
+    """Searches in the same readings, by the standard deviation with which drives stand off anew; 0: not at all."""
+
+    def __init__(
+        self, linear: LinearisedReadings, off: OffTogether, catalogue: Catalogue, budget: SearchBudget
+    ) -> None:
+        self._linear, self._off, self._catalogue, self._budget = linear, off, catalogue, budget
+        self._stated = _ReadingsToSearch(linear, catalogue)
+        self._posterior = PositioningPosterior(linear, off)
+        self._tried: dict[float, Searched] = {}
+
+    def most_likely(self) -> Searched:
+        """The most likely of all, from what is most likely without a cause to what is beside those found."""
+        sd_m = self._posterior.most_likely_m()
+        if sd_m == 0.0 or self._posterior.gain(sd_m) < WORTH_SEARCHING:
+            return self._stated.search(self._budget)
+        alone = self._standing_off(sd_m)
+        at_a_glance = SearchBudget(limit=0.0)
+        if alone.any_function_explains_something:
+            self._tried[0.0] = self._stated.search(at_a_glance)
+            found = self._tried[0.0].found
+            if not found.result.causes or found.log_posterior < alone.log_evidence:
+                self._tried[sd_m] = alone.search(self._budget)
+        else:  # what drives do at random is all there is, or most of it
+            self._tried[sd_m] = alone.search(self._budget)
+            if self._tried[sd_m].finds_nothing:
+                return self._tried[sd_m]
+        for _ in range(MOST_SEARCHES):
+            beside_m = self._beside_m(self._best.found.result.causes)
+            if any(_alike(beside_m, other_m) for other_m in self._tried):
+                break
+            if len(self._tried) == 1 and beside_m > 0.0:  # some of the causes may stand for what drives do at random
+                beside_m = self._beside_m(self._best.main_causes)
+            self._tried[beside_m] = self._standing_off(beside_m).search(self._budget)
+        if self._best is self._tried.get(0.0) and (at_a_glance.left_out or not self._best.finds_all):
+            self._tried[0.0] = self._stated.search(self._budget)
+        best, every = self._best, [searched.found for searched in self._tried.values()]
+        most_of_none = max(found.log_evidence + found.none_elsewhere for found in every)
+        return replace(best, found=replace(best.found, none_elsewhere=most_of_none - best.found.log_evidence))
+
+    @property
+    def _best(self) -> Searched:
+        return max(self._tried.values(), key=lambda searched: searched.found.log_posterior)
+
+    def _standing_off(self, sd_m: float) -> _ReadingsToSearch:
+        if sd_m == 0.0:
+            return self._stated
+        evidence = self._posterior.log_evidence(sd_m)
+        return _ReadingsToSearch(self._linear.standing_off(sd_m), self._catalogue, sd_m, evidence)
+
+    def _beside_m(self, causes: Sequence[Cause]) -> float:
+        """Most likely beside causes, 0 if it is not worth a search."""
+        if not causes:
+            return 0.0
+        columns = [columns_of_cause(self._stated.likelihood, cause) for cause in as_found(causes)]
+        posterior = PositioningPosterior(self._linear, self._off, np.concatenate(columns, axis=2))
+        sd_m = posterior.most_likely_m()
+        return sd_m if posterior.gain(sd_m) > WORTH_SEARCHING else 0.0
 
 
 class _ReadingsToSearch:
@@ -118,14 +162,6 @@ class _ReadingsToSearch:
             positioning_sd_m=self._sd_m,
         )
         return Searched(self._inputs, self._by_drive, not_tested, found)
-
-
-def _most_likely_beside(likelihood: MarginalLikelihood, causes: Sequence[Cause]) -> float:
-    """Standard deviation in m with which drives stand off beside causes, 0 if it is not worth a search."""
-    columns = [columns_of_cause(likelihood, cause) for cause in as_found(causes)]
-    posterior = PositioningPosterior(likelihood.linear, np.concatenate(columns, axis=2))
-    sd_m = posterior.most_likely_m()
-    return sd_m if posterior.gain(sd_m) > WORTH_SEARCHING else 0.0
 
 
 def _alike(one_m: float, other_m: float) -> bool:

@@ -4,7 +4,8 @@
 
 Campaigns of a night or of four days on the mock plant, its drift or its warmth strong; and N machines of every shipped
 kind that state too little: geometry within 2.5 times the tolerances of the machine file, readings that scatter 1.5 or 2
-times as much as the station's accuracy says, and both; and measurement folders of four machines that do. Prints of each
+times as much as the station's accuracy says, and both; machines that do not repeat, their drives standing off anew at
+each visit by 5 or 10 um (urad of a crank); and measurement folders of four machines that do either. Prints of each
 condition how many were called an effect, and how many `unknown`; exit status 1 if any was. Progress goes to standard
 error. Lines are kept in --out: stopped, the same command goes on after the last.
 """
@@ -22,6 +23,7 @@ import numpy as np
 
 from benchmarks.results_file import code_digest
 from benchmarks.timing import in_one_thread
+from calibration.base.arrays import Array
 from calibration.diagnosis.diagnose import diagnose, diagnose_measurements
 from calibration.diagnosis.result import NONE, UNKNOWN
 from calibration.machine.description import shipped_machines
@@ -70,8 +72,11 @@ def conditions() -> dict[str, list[Make]]:
     def states_too_little(times_tolerances: float, noise: float) -> list[Make]:
         return [partial(_of_kind, name, times_tolerances=times_tolerances, noise=noise) for name in shipped_machines()]
 
-    def folders(noise: float) -> list[Make]:
-        return [partial(_folder, wanted, noise=noise) for wanted in FOLDERS]
+    def do_not_repeat(sd_m: float) -> list[Make]:
+        return [partial(_of_kind, name, anew_m=sd_m) for name in shipped_machines()]
+
+    def folders(noise: float = 1.0, anew_m: float = 0.0) -> list[Make]:
+        return [partial(_folder, wanted, noise=noise, anew_m=anew_m) for wanted in FOLDERS]
 
     return {
         "nine hours, drift 25 um in one": night(DRIFT),
@@ -86,15 +91,36 @@ def conditions() -> dict[str, list[Make]]:
         "folders as stated": folders(1.0),
         "folders scatter 1.5 times": folders(1.5),
         "folders scatter 2 times": folders(2.0),
+        "drives off by 5 um at each visit": do_not_repeat(5e-6),
+        "drives off by 10 um at each visit": do_not_repeat(1e-5),
+        "folders, drives off by 5 um": folders(anew_m=5e-6),
+        "folders, drives off by 10 um": folders(anew_m=1e-5),
     }
 
 
-def _of_kind(name: str, seed: int, *, times_tolerances: float, noise: float) -> Recording:
-    return simulated(name, VISITS, seed=seed, noise=noise, times_tolerances=times_tolerances)
+def _of_kind(
+    name: str, seed: int, *, times_tolerances: float = 1.0, noise: float = 1.0, anew_m: float = 0.0
+) -> Recording:
+    off = _anew(seed, anew_m)
+    return simulated(
+        name,
+        VISITS,
+        lambda arrivals: off(arrivals.drives),
+        seed=seed,
+        noise=noise,
+        times_tolerances=times_tolerances,
+    )
 
 
-def _folder(wanted: Wanted, seed: int, *, noise: float) -> MeasuredMachine:
-    return made(replace(wanted, seed=seed, noise=noise))
+def _folder(wanted: Wanted, seed: int, *, noise: float, anew_m: float) -> MeasuredMachine:
+    off = _anew(seed, anew_m)
+    return made(replace(wanted, seed=seed, noise=noise, shift=lambda drives, _sides: off(drives)))
+
+
+def _anew(seed: int, sd_m: float) -> Callable[[Array], Array]:
+    """How far drives (v, d) stand off, drawn anew for each visit."""
+    rng = np.random.default_rng([seed, 1])
+    return lambda drives: sd_m * rng.standard_normal(drives.shape)
 
 
 def _verdict(measured: Recording | MeasuredMachine) -> str:

@@ -6,19 +6,24 @@ The readings of one visit are off together by it, so that it is no scatter of th
 from __future__ import annotations
 
 import math
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from calibration.base.arrays import Array
-from calibration.diagnosis.level_posterior import QUANTILE, Explained, LevelPosterior
+from calibration.diagnosis.level_posterior import FEW_READINGS, QUANTILE, Explained, LevelPosterior
 from calibration.diagnosis.linearised_readings import LinearisedReadings, OffTogether
 
 MEDIAN_M, FACTOR = 2.0e-6, 5.0  # x = log(1 + sd / median) has a normal prior of this factor's logarithm about zero
 LEAST_SCORE = 2.0  # standard deviations of the score by which it is worth asking for
+LEAST_GAIN = 2.0  # log posterior over none
 NEAR = 0.05  # of x: nearer ones say the same
 SHARE_OF_LARGEST = 1.0e-9  # of what the readings say of a drive: directions with less are none
+
+
+Readings = TypeVar("Readings", bound=LinearisedReadings)
 
 
 class PositioningPosterior:
@@ -45,7 +50,7 @@ class PositioningPosterior:
         self._residual = (turned @ of_residual)[told][:, 0] / scale
 
     def most_likely_m(self) -> float:
-        """The most likely one; 0 where the readings of a visit are not off together by more than noise is."""
+        """The most likely one, or 0 where it is hardly likelier than none."""
         if self._score() < LEAST_SCORE:
             return 0.0
         bounds = (0.0, QUANTILE * math.log(FACTOR))
@@ -53,11 +58,8 @@ class PositioningPosterior:
             lambda x: -self._at_most_likely_scatter(MEDIAN_M * math.expm1(x)),
             bounds=bounds, method="bounded", options={"xatol": NEAR},
         )  # fmt: skip
-        return MEDIAN_M * math.expm1(float(best.x))
-
-    def gain(self, sd_m: float) -> float:
-        """Where readings may scatter more than stated, too."""
-        return self._at_most_likely_scatter(sd_m) - self._at_most_likely_scatter(0.0)
+        gain = -float(best.fun) - self._at_most_likely_scatter(0.0)  # readings that scatter more may explain it too
+        return MEDIAN_M * math.expm1(float(best.x)) if gain > LEAST_GAIN else 0.0
 
     def log_evidence(self, sd_m: float) -> float:
         """Where readings scatter as stated."""
@@ -82,6 +84,15 @@ class PositioningPosterior:
         left = self._values * (self._residual - self._columns @ coefficients) ** 2
         expected = self._values * (1.0 - np.sum((self._columns @ covariance) * self._columns, axis=1))
         return float(np.sum(left - expected) / math.sqrt(2.0 * np.sum(expected**2)))
+
+
+def as_it_repeats(linear: Readings) -> tuple[Readings, float]:
+    """The same of a machine that repeats as badly as is most likely, and the standard deviation in m of its drives."""
+    off = linear.off_together()
+    if off is None or linear.degrees_of_freedom < FEW_READINGS:
+        return linear, 0.0
+    sd_m = PositioningPosterior(linear, off).most_likely_m()
+    return (linear.standing_off(sd_m), sd_m) if sd_m > 0.0 else (linear, 0.0)
 
 
 def _log_prior(sd_m: float) -> float:

@@ -30,7 +30,6 @@ from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import EffectInputs
 from calibration.effects.catalogue import Catalogue
 
-WORTH_SEARCHING = 2.0  # log posterior that drives which stand off anew have over such that do not
 MOST_SEARCHES = 3  # beside causes that were found
 ALIKE = 0.2  # of the logarithm of a standard deviation: nearer ones say the same
 
@@ -82,7 +81,7 @@ class _SearchOfPositioning:
     def most_likely(self) -> Searched:
         """The most likely of all, from what is most likely without a cause to what is beside those found."""
         sd_m = self._posterior.most_likely_m()
-        if sd_m == 0.0 or self._posterior.gain(sd_m) < WORTH_SEARCHING:
+        if sd_m == 0.0:
             return self._stated.search(self._budget)
         alone = self._standing_off(sd_m)
         at_a_glance = SearchBudget(limit=0.0)
@@ -119,13 +118,11 @@ class _SearchOfPositioning:
         return _ReadingsToSearch(self._linear.standing_off(sd_m), self._catalogue, sd_m, evidence)
 
     def _beside_m(self, causes: Sequence[Cause]) -> float:
-        """Most likely beside causes, 0 if it is not worth a search."""
+        """Most likely beside causes."""
         if not causes:
             return 0.0
         columns = [columns_of_cause(self._stated.likelihood, cause) for cause in as_found(causes)]
-        posterior = PositioningPosterior(self._linear, self._off, np.concatenate(columns, axis=2))
-        sd_m = posterior.most_likely_m()
-        return sd_m if posterior.gain(sd_m) > WORTH_SEARCHING else 0.0
+        return PositioningPosterior(self._linear, self._off, np.concatenate(columns, axis=2)).most_likely_m()
 
 
 class _ReadingsToSearch:

@@ -98,11 +98,14 @@ def _more_scatter(times: float) -> tuple[str, ...]:
 
 
 def _does_not_repeat(sd_m: float) -> tuple[str, ...]:
-    if sd_m == 0.0:
-        return ()
+    return (does_not_repeat(sd_m),) if sd_m > 0.0 else ()
+
+
+def does_not_repeat(sd_m: float) -> str:
+    """Of a machine whose drives stand off with a standard deviation in m."""
     return (
         f"the machine does not repeat better than {1e6 * sd_m:.1f} um: by that standard deviation its drives stand off "
-        "anew at each visit, whatever they report, and no calibration takes that away",
+        "anew at each visit, whatever they report, and no calibration takes that away"
     )
 
 

@@ -20,6 +20,7 @@ from mock_devices.known_tables import draw_known_tables
 from mock_devices.plant.true_machine import TrueMachine, draw_machine
 from mock_devices.settings import InstrumentProfile, MockSettings
 from tests.calibration.comparison.pairs import LEVELS, MACHINE_SEED, first, recorded
+from tests.calibration.diagnosis.campaigns import standing_off
 
 OTHER_INSTRUMENT = InstrumentProfile(angle_sd_rad=4e-6, range_sd_m=2e-4, range_constant_u_m=3e-4)
 LEFT, RIGHT = 0, 1
@@ -177,3 +178,17 @@ def test_rough_readings_count_for_less_and_are_remarked():
     assert result.scatter[1] > 2.0
     assert any(remark.startswith("after: 1 of its readings") for remark in result.remarks)
     assert any("after" in remark and "scatter" in remark for remark in result.remarks)
+
+
+@pytest.mark.parametrize("scale", [0.0, 2.5e-4])
+def test_a_machine_that_does_not_repeat_is_compared_as_one(scale):
+    def campaign(seed: int, change: Change) -> Recording:
+        made = SpatialCampaign("stewart6", 3, Circumstances(seed, seed, seed), LEVELS, change).recording(f"c{seed}")
+        return standing_off(made, 1e-5, seed)
+
+    change = Change(travel={1: lambda q: scale * q}) if scale else Change()
+    result = compare(campaign(1, Change()), campaign(2, change))
+    assert result.verdict == ("drive_scale" if scale else "nothing")
+    assert [remark[:4] for remark in result.remarks if "does not repeat" in remark] == ["c1: ", "c2: "]
+    for quantity in (quantity for found in result.changes for quantity in found.quantities):
+        assert abs(quantity.value - scale) < 2.5 * quantity.u

@@ -229,6 +229,18 @@ def changed(recording: Recording, **columns: np.ndarray) -> Recording:
     return replace(recording, columns={**recording.columns, **columns})
 
 
+def standing_off(recording: Recording, sd_m: float, seed: int) -> Recording:
+    """The recording with drives that stand off anew at each visit from what they report."""
+    rng, visit = np.random.default_rng(seed), recording["visit"].astype(np.intp)
+    columns: dict[str, np.ndarray] = {}
+    for drive in recording.machine.drive_names:
+        off_m = sd_m * rng.standard_normal(int(visit.max()) + 1)[visit]
+        for quantity in ("commanded_m", "actual_m"):
+            name = f"{drive}_{_quantity(recording.machine, drive, quantity)}"
+            columns[name] = recording[name] - off_m
+    return changed(recording, **columns)
+
+
 def moved(recording: Recording, rows: np.ndarray, by_m: float) -> Recording:
     """The recording with readings along the station's first axis off."""
     position = recording.positions_m.copy()

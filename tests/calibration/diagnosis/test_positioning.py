@@ -94,7 +94,7 @@ def test_it_is_found_as_large_as_it_is(machine, sd_m):
 def test_a_machine_that_repeats_is_not_taken_for_one_that_does_not(seed, noise):
     """Nor is scatter of the single readings, as large as it may be."""
     posterior = posterior_of(linearise_recording(standing_off("delta6", 60, 0.0, seed, noise=noise)))
-    assert posterior.gain(posterior.most_likely_m()) < 2.0
+    assert posterior.most_likely_m() == 0.0
 
 
 @pytest.mark.parametrize(("machine", "sd_m"), [("delta6", 5e-6), ("planar4", 1e-5), ("stewart6", 1e-5)])

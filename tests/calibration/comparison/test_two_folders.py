@@ -72,6 +72,22 @@ def test_a_machine_that_did_not_change_has_no_change(wanted):
     assert 0.0 < found.hidden_m < 1e-5
 
 
+def anew(seed: int, also=lambda drives, sides: 0.0):
+    """Drives that stand off anew at each visit."""
+    rng = np.random.default_rng([seed, 2])
+    return lambda drives, sides: 1e-5 * rng.standard_normal(drives.shape) + also(drives, sides)
+
+
+def test_a_scale_is_named_on_a_machine_that_does_not_repeat():
+    before, _ = two(replace(DISTANCES, shift=anew(1)))
+    _, after = two(replace(DISTANCES, shift=anew(2, longer)))
+    found = compare_measurements(before, after)
+    assert (found.verdict, found.place) == ("drive_scale", "b")
+    (scale,) = found.changes[0].quantities
+    assert abs(scale.value - SCALE) < 2.5 * scale.u
+    assert [remark.split(":")[0] for remark in found.remarks if "does not repeat" in remark] == ["measured", "later"]
+
+
 def test_what_a_former_fit_left_alone_is_open_when_two_folders_are_compared():
     measured = made(DISTANCES)
     former = PreviousFitEntry(parameters=6, unknowns=["strut_length"], misses_at_most_m=1e-3)

@@ -19,7 +19,7 @@ from calibration.diagnosis.linearised_readings import LinearisedReadings, OffTog
 MEDIAN_M, FACTOR = 2.0e-6, 5.0  # x = log(1 + sd / median) has a normal prior of this factor's logarithm about zero
 LEAST_SCORE = 2.0  # standard deviations of the score by which it is worth asking for
 LEAST_GAIN = 2.0  # log posterior over none
-NEAR = 0.05  # of x: nearer ones say the same
+NEAR = 0.1  # of x: nearer ones say the same
 SHARE_OF_LARGEST = 1.0e-9  # of what the readings say of a drive: directions with less are none
 
 
@@ -49,8 +49,8 @@ class PositioningPosterior:
         self._columns = (turned @ of_columns)[told] / scale[:, None]
         self._residual = (turned @ of_residual)[told][:, 0] / scale
 
-    def most_likely_m(self) -> float:
-        """The most likely one, or 0 where it is hardly likelier than none."""
+    def most_likely_m(self, least_gain: float = LEAST_GAIN) -> float:
+        """The most likely one, or 0 where it is no likelier than none by at least so much log posterior."""
         if self._score() < LEAST_SCORE:
             return 0.0
         bounds = (0.0, QUANTILE * math.log(FACTOR))
@@ -59,7 +59,7 @@ class PositioningPosterior:
             bounds=bounds, method="bounded", options={"xatol": NEAR},
         )  # fmt: skip
         gain = -float(best.fun) - self._at_most_likely_scatter(0.0)  # readings that scatter more may explain it too
-        return MEDIAN_M * math.expm1(float(best.x)) if gain > LEAST_GAIN else 0.0
+        return MEDIAN_M * math.expm1(float(best.x)) if gain > least_gain else 0.0
 
     def log_evidence(self, sd_m: float) -> float:
         """Where readings scatter as stated."""

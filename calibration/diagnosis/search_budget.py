@@ -29,6 +29,10 @@ class SearchBudget:
         self.left_out: dict[str, None] = {}
         self._found, self._in_vain = frozenset(found), set[str]()
 
+    def anew(self) -> SearchBudget:
+        """The same for searches under another assumption, of which nothing is spent."""
+        return SearchBudget(found=self._found, limit=self.limit)
+
     @property
     def thorough(self) -> bool:
         """Whether nothing is left out to save time: no effect that would be enough for a cause goes unrefined either,

@@ -23,11 +23,11 @@ from calibration.diagnosis.linearised_readings import LinearisedReadings, OffTog
 from calibration.diagnosis.non_parametric import rank_non_parametric
 from calibration.diagnosis.periodogram import Periodogram
 from calibration.diagnosis.positioning import PositioningPosterior
-from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause
+from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause, rank_effects
 from calibration.diagnosis.search import something_is_left
 from calibration.diagnosis.search_budget import SearchBudget
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import EffectInputs
+from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
 
 MOST_SEARCHES = 3  # beside causes that were found
@@ -47,17 +47,6 @@ class Searched:
     def finds_nothing(self) -> bool:
         """Whether there is no cause, nor any function that explains what an unknown one would."""
         return not (self.found.result.causes or something_is_left(self.found.result))
-
-    @property
-    def finds_all(self) -> bool:
-        """Whether there are causes that leave nothing."""
-        return bool(self.found.result.causes) and not something_is_left(self.found.result)
-
-    @property
-    def main_causes(self) -> list[Cause]:
-        """The strongest effect, at all its places."""
-        causes = self.found.result.causes
-        return [cause for cause in causes if cause.effect.name == causes[0].effect.name]
 
 
 def search_readings(linear: LinearisedReadings, catalogue: Catalogue, budget: SearchBudget) -> Searched:
@@ -84,25 +73,23 @@ class _SearchOfPositioning:
         if sd_m == 0.0:
             return self._stated.search(self._budget)
         alone = self._standing_off(sd_m)
-        at_a_glance = SearchBudget(limit=0.0)
-        if alone.any_function_explains_something:
-            self._tried[0.0] = self._stated.search(at_a_glance)
-            found = self._tried[0.0].found
-            if not found.result.causes or found.log_posterior < alone.log_evidence:
-                self._tried[sd_m] = alone.search(self._budget)
-        else:  # what drives do at random is all there is, or most of it
-            self._tried[sd_m] = alone.search(self._budget)
+        if not alone.any_function_explains_something:  # what drives do at random is all there is, or most of it
+            self._tried[sd_m] = alone.search(self._budget.anew())
             if self._tried[sd_m].finds_nothing:
                 return self._tried[sd_m]
+        else:
+            begins_m, first = 0.0, self._stated.ranking[:1]
+            if first and first[0].log_evidence < VERDICT.strong_evidence:  # else what it leaves may be its own form
+                begins_m = self._beside_m(first, first[0].log_evidence)
+            self._tried[begins_m] = self._standing_off(begins_m).search(self._budget.anew())
+            if self._best.found.log_posterior < alone.log_evidence:
+                self._tried[sd_m] = alone.search(self._budget.anew())
         for _ in range(MOST_SEARCHES):
-            beside_m = self._beside_m(self._best.found.result.causes)
+            result = self._best.found.result
+            beside_m = self._beside_m(result.causes, result.log_evidence)
             if any(_alike(beside_m, other_m) for other_m in self._tried):
                 break
-            if len(self._tried) == 1 and beside_m > 0.0:  # some of the causes may stand for what drives do at random
-                beside_m = self._beside_m(self._best.main_causes)
-            self._tried[beside_m] = self._standing_off(beside_m).search(self._budget)
-        if self._best is self._tried.get(0.0) and (at_a_glance.left_out or not self._best.finds_all):
-            self._tried[0.0] = self._stated.search(self._budget)
+            self._tried[beside_m] = self._standing_off(beside_m).search(self._budget.anew())
         best, every = self._best, [searched.found for searched in self._tried.values()]
         most_of_none = max(found.log_evidence + found.none_elsewhere for found in every)
         return replace(best, found=replace(best.found, none_elsewhere=most_of_none - best.found.log_evidence))
@@ -117,12 +104,14 @@ class _SearchOfPositioning:
         evidence = self._posterior.log_evidence(sd_m)
         return _ReadingsToSearch(self._linear.standing_off(sd_m), self._catalogue, sd_m, evidence)
 
-    def _beside_m(self, causes: Sequence[Cause]) -> float:
-        """Most likely beside causes."""
+    def _beside_m(self, causes: Sequence[Cause], explained: float) -> float:
+        """Most likely beside causes that explain so much log evidence; 0 where what drives do explains no more than
+        what the causes' forms may leave."""
         if not causes:
             return 0.0
         columns = [columns_of_cause(self._stated.likelihood, cause) for cause in as_found(causes)]
-        return PositioningPosterior(self._linear, self._off, np.concatenate(columns, axis=2)).most_likely_m()
+        posterior = PositioningPosterior(self._linear, self._off, np.concatenate(columns, axis=2))
+        return posterior.most_likely_m(float(VERDICT.threshold_of_excess(explained)))
 
 
 class _ReadingsToSearch:
@@ -148,9 +137,18 @@ class _ReadingsToSearch:
         """Whether an arbitrary function of some coordinate does, so that causes will."""
         return rank_non_parametric(self.likelihood, self._inputs)[0].log_evidence > VERDICT.residual_search_threshold
 
+    @cached_property
+    def _detectable(self) -> tuple[list[Effect], dict[str, str]]:
+        return detectable_effects(self._inputs, self._catalogue)
+
+    @property
+    def ranking(self) -> list[Cause]:
+        """Effects, each alone, the most likely first."""
+        return rank_effects(self.likelihood, self._inputs, self._detectable[0])
+
     def search(self, budget: SearchBudget) -> Searched:
         """The most likely explanation."""
-        effects, not_tested = detectable_effects(self._inputs, self._catalogue)
+        effects, not_tested = self._detectable
         found = SearchOfLevelsAndCauses(self.likelihood, self._inputs, effects, budget).most_likely()
         found = replace(
             found,

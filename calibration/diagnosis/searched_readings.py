@@ -30,6 +30,7 @@ from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.catalogue import Catalogue
 
+MUCH_EXPLAINED = 1000.0  # log evidence of one effect, beyond which others or its form leave more than drives do
 MOST_SEARCHES = 3  # beside causes that were found
 ALIKE = 0.2  # of the logarithm of a standard deviation: nearer ones say the same
 
@@ -79,7 +80,7 @@ class _SearchOfPositioning:
                 return self._tried[sd_m]
         else:
             begins_m, first = 0.0, self._stated.ranking[:1]
-            if first and first[0].log_evidence < VERDICT.strong_evidence:  # else what it leaves may be its own form
+            if first and first[0].log_evidence < MUCH_EXPLAINED:
                 begins_m = self._beside_m(first, first[0].log_evidence)
             self._tried[begins_m] = self._standing_off(begins_m).search(self._budget.anew())
             if self._best.found.log_posterior < alone.log_evidence:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 from calibration.diagnosis.level_posterior import COLUMNS, LevelPosterior
 from calibration.diagnosis.linear_model import linearise_recording
+from calibration.diagnosis.positioning import PositioningPosterior
 from calibration.recording.header import DeclaredLevels
 from calibration.recording.recording import Recording
 
@@ -32,11 +33,13 @@ class EstimatedLevel:
 
 @dataclass(frozen=True)
 class EstimatedLevels:
-    """Levels by their keys in `[nuisance]`, the medians of their priors, and the readings' scatter over the stated."""
+    """Levels by their keys in `[nuisance]`, the medians of their priors, the readings' scatter over the stated, and how
+    far drives stand off anew at each visit: 0 where the readings do not say that they do."""
 
     by_key: Mapping[str, EstimatedLevel]
     prior: Mapping[str, float]
     scatter: EstimatedLevel
+    positioning_sd_m: float
 
 
 def estimate_levels(recording: Recording) -> EstimatedLevels:
@@ -48,7 +51,9 @@ def estimate_levels(recording: Recording) -> EstimatedLevels:
     prior = {key: float(getattr(default, key)) for key in COLUMNS}
     file = recording.file.model_copy(update={"nuisance": default})
     linear = linearise_recording(replace(recording, file=file))
-    posterior = LevelPosterior(linear, tuple(prior))
+    positioning = PositioningPosterior(linear, linear.off_together())
+    positioning_sd_m = positioning.most_likely_m()
+    posterior = LevelPosterior(linear, tuple(prior)).without(positioning.explained(positioning_sd_m))
     best = posterior.most_likely()
     deviation = posterior.standard_deviations(best)
     levels = [
@@ -62,4 +67,4 @@ def estimate_levels(recording: Recording) -> EstimatedLevels:
             (*prior.values(), 1.0), best.tolist(), deviation.tolist(), posterior.prior.tolist(), strict=True
         )
     ]
-    return EstimatedLevels(dict(zip(prior, levels[:-1], strict=True)), prior, levels[-1])
+    return EstimatedLevels(dict(zip(prior, levels[:-1], strict=True)), prior, levels[-1], positioning_sd_m)

@@ -128,9 +128,13 @@ class LinearModel(LinearisedReadings):
         """The same with readings that scatter so many times as much as the station's accuracy says."""
         return self.reweighted(self.weight / times)
 
+    def off_together(self) -> OffTogether:
+        """By what the readings of a visit are off where drives stand off anew at each."""
+        return OffTogether(self.drive_responses(), self.visit)
+
     def standing_off(self, sd_m: float) -> LinearModel:
         """The same on a machine whose drives stand off anew at each visit."""
-        turn = whitening_of_each(OffTogether(self.drive_responses(), self.visit), sd_m)
+        turn = whitening_of_each(self.off_together(), sd_m)
         columns = turn @ self.columns
         return replace(
             self,

@@ -70,13 +70,16 @@ class PositioningPosterior:
         levels = self._standing_off(sd_m)
         return levels.log_density(levels.most_likely_scatter()) + _log_prior(sd_m)
 
-    def _standing_off(self, sd_m: float) -> LevelPosterior:
+    def explained(self, sd_m: float) -> Explained:
+        """What drives that stand off by it explain of the readings."""
         ratio = sd_m**2 * self._values
         weight = np.sqrt(ratio / (1.0 + ratio))
         columns, residual = weight[:, None] * self._columns, weight * self._residual
         log_determinant = float(np.sum(np.log1p(ratio)))
-        explained = Explained(columns.T @ columns, columns.T @ residual, float(residual @ residual), log_determinant)
-        return self._levels.without(explained)
+        return Explained(columns.T @ columns, columns.T @ residual, float(residual @ residual), log_determinant)
+
+    def _standing_off(self, sd_m: float) -> LevelPosterior:
+        return self._levels.without(self.explained(sd_m))
 
     def _score(self) -> float:
         """Slope of the log likelihood over a small variance, in standard deviations of what noise makes of it."""

@@ -33,7 +33,11 @@ def estimate_disturbances(recording: Recording) -> tuple[dict[str, Any], Rendera
     as_declared = diagnose(readings).verdict if readings.file.nuisance.model_fields_set else NONE
     levels, simulated = estimate_levels(readings), readings.file.simulated
     result = {"campaign": found.campaign, "simulated": simulated, "verdict_at_declared_levels": as_declared}
-    result |= {"nuisance": _json(levels), "scatter": _entry(levels.scatter)}
+    result |= {
+        "nuisance": _json(levels),
+        "scatter": _entry(levels.scatter),
+        "positioning_sd_m": levels.positioning_sd_m,
+    }
     lines = [f"# from campaign {found.campaign}{', SIMULATED: not of a machine' if simulated else ''}"]
     if as_declared != NONE:
         lines.append(f"# at the levels that it declares the diagnosis says '{as_declared}',")
@@ -62,4 +66,7 @@ def _section(levels: EstimatedLevels) -> list[str]:
         f"# readings scatter {scatter.value:.2f} times ({scatter.low:.2f} to {scatter.high:.2f}) as [station.accuracy] "
         "states"
     )
+    if levels.positioning_sd_m > 0.0:
+        off_um = 1e6 * levels.positioning_sd_m
+        lines.append(f"# drives stand off by {off_um:.{DIGITS}g} um anew at each visit, which no key declares")
     return lines

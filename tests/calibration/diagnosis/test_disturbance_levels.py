@@ -12,7 +12,7 @@ from calibration.diagnosis.level_posterior import COLUMNS, TOLERANCES, LevelPost
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.recording.header import DeclaredLevels
 from mock_devices.settings import DisturbanceLevels
-from tests.calibration.diagnosis.campaigns import plant, recorded
+from tests.calibration.diagnosis.campaigns import plant, recorded, standing_off
 
 QUIET = DisturbanceLevels(drift_m=1e-6, reseat_m=5e-7, reversal_m=3e-7, temperature_k=0.01)
 ROUGH = DisturbanceLevels(drift_m=1e-5, reseat_m=8e-6, reversal_m=4e-6, temperature_k=0.06)
@@ -46,6 +46,14 @@ def test_scatter_is_told_from_disturbances(quiet_and_rough):
     stated, understated = estimate_levels(recording), estimate_levels(replace(recording, columns=half))
     assert understated.scatter.value == pytest.approx(2.0 * stated.scatter.value, rel=0.1)
     assert understated.by_key["drift_m"].value == pytest.approx(stated.by_key["drift_m"].value, rel=0.3)
+
+
+def test_a_machine_that_does_not_repeat_is_told_from_scatter(quiet_and_rough):
+    recording = quiet_and_rough[0]
+    repeats, does_not = estimate_levels(recording), estimate_levels(standing_off(recording, 8e-6, 2))
+    assert repeats.positioning_sd_m == 0.0
+    assert does_not.positioning_sd_m == pytest.approx(8e-6, rel=0.3)
+    assert does_not.scatter.value == pytest.approx(repeats.scatter.value, rel=0.1)
 
 
 def test_what_a_campaign_declares_does_not_count(quiet_and_rough):

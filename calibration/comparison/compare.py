@@ -32,6 +32,7 @@ from calibration.comparison.two_folders import (
 from calibration.comparison.workspace import WorkspaceChanges
 from calibration.diagnosis.findings.remarks import does_not_repeat
 from calibration.diagnosis.linear_model import usable_rows
+from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.machine.description import Machine
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
@@ -176,8 +177,8 @@ def _largest_m(change: Found) -> float:
     return float(max(lengths, default=0.0))
 
 
-def _rough(name: str, scatter: float, positioning_sd_m: float) -> list[str]:
-    out = []
+def _rough(linear: LinearisedReadings, scatter: float, positioning_sd_m: float) -> list[str]:
+    name, out = linear.campaign, []
     if positioning_sd_m > 0.0:
         out.append(f"{name}: {does_not_repeat(positioning_sd_m)}")
     if scatter <= ROUGH_SCATTER:
@@ -192,7 +193,7 @@ def _rough(name: str, scatter: float, positioning_sd_m: float) -> list[str]:
 def _remarks_on_folders(pair: TwoFolders) -> list[str]:
     out = []
     for linear, *rough in zip((pair.before, pair.after), pair.scatter, pair.positioning_sd_m, strict=True):
-        out += _rough(linear.campaign, *rough)
+        out += _rough(linear, *rough)
         if linear.left_out:
             names = ", ".join(f"{reading.name} ({reading.of})" for reading in linear.left_out)
             out.append(f"{linear.campaign}: left out, as they do not fit the others: {names}")
@@ -204,7 +205,7 @@ def _remarks(recordings: tuple[Recording, Recording], pair: TwoCampaigns) -> lis
     models = pair.before, pair.after
     for recording, linear, *rough in zip(recordings, models, pair.scatter, pair.positioning_sd_m, strict=True):
         name = recording.file.campaign
-        out += _rough(name, *rough)
+        out += _rough(linear, *rough)
         if wrong := len(usable_rows(recording)) - len(linear.source_rows):
             out.append(f"{name}: {wrong} of its readings, which do not fit the others, left out")
         unknown = int(np.sum((recording["compensation"] > 0.0) & (np.asarray(recording["phase"]) != "nests")))

@@ -180,9 +180,11 @@ class LinearisedReadings(ObservedModel, ABC):
         """Numbers read less those that the calibration's unknowns used up."""
 
     def drive_responses(self) -> Array:
-        """Whitened shifts (n, w, d) of what is read for one unit of each drive's travel."""
-        shift_m, drives = Channels(self).shift_m, self.machine.drive_names
-        return np.stack([self.whiten_shift(shift_m(f"travel.{drive}")) for drive in drives], axis=2)
+        """Whitened shifts (n, w, d) of what is read for one metre of each drive's travel; of a crank, at its joint."""
+        shift_m, machine = Channels(self).shift_m, self.machine
+        arm_m = [machine.crank_arm_m(a) if kind == "crank" else 1.0 for a, kind in enumerate(machine.drive_kinds)]
+        by_drive = [self.whiten_shift(shift_m(f"travel.{drive}")) for drive in machine.drive_names]
+        return np.stack(by_drive, axis=2) / arm_m
 
     def off_together(self) -> OffTogether | None:
         """By what readings are off together where drives stand off anew at each visit; None if that is too much."""
@@ -194,7 +196,7 @@ class LinearisedReadings(ObservedModel, ABC):
 
     @abstractmethod
     def standing_off(self, sd_m: float) -> Self:
-        """The same on a machine whose drives stand off anew at each visit, with a standard deviation in m or rad.
+        """The same on a machine whose drives stand off anew at each visit, with a standard deviation in m.
 
         All readings of a visit are off by that together; here it is as if each were by itself, by so much more that
         they say as much of the drives as they do together.

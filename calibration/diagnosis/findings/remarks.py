@@ -104,8 +104,8 @@ def _does_not_repeat(sd_m: float) -> tuple[str, ...]:
 def does_not_repeat(sd_m: float) -> str:
     """Of a machine whose drives stand off with a standard deviation in m."""
     return (
-        f"the machine does not repeat better than {1e6 * sd_m:.1f} um: by that standard deviation its drives stand off "
-        "anew at each visit, whatever they report, and no calibration takes that away"
+        f"the machine does not repeat better than {1e6 * sd_m:.1f} um: by that standard deviation its drives "
+        "stand off anew at each visit, whatever they report, and no calibration takes that away"
     )
 
 

@@ -1,6 +1,7 @@
 """What a machine does not repeat: how far its drives stand off anew at each visit, whatever they report.
 
-Of a crank it is how far its joint does. The readings of one visit are off together by it, so that it is no scatter of the readings, which are off one by one.
+Of a crank it is how far its joint does. The readings of one visit are off together by it, so that it is no scatter of
+the readings, which are off one by one.
 """
 
 from __future__ import annotations

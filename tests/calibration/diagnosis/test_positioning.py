@@ -11,6 +11,7 @@ from scipy.linalg import block_diag
 from scipy.stats import multivariate_normal
 
 from calibration.diagnosis.diagnose import diagnose, diagnose_measurements
+from calibration.diagnosis.linear_folder import linearise_measurements
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.positioning import FACTOR, MEDIAN_M, PositioningPosterior
 from calibration.diagnosis.result import NONE
@@ -134,3 +135,20 @@ def test_a_measured_machine_that_does_not_repeat_has_no_cause(wanted):
     found = diagnose_measurements(made(replace(wanted, seed=3, shift=anew(1e-5, 3))))
     assert found.verdict == NONE
     assert said(found) == [pytest.approx(1e-5, rel=0.35)]
+
+
+def test_evidence_beside_a_cause_is_that_of_distances_which_have_it_at_both_ends():
+    linear = linearise_measurements(made(Wanted(pairs=60, visits=40, seed=5)))
+    cause = 0.3 * np.random.default_rng(6).standard_normal((*linear.residual.shape, 2))  # unlike at the two ends
+    residual = linear.of_numbers(linear.residual).ravel()
+
+    def density(columns, sd_m):
+        flat = linear.of_numbers(linear.joined(columns)).reshape(len(residual), -1)
+        drives = linear.off_together().response[:, 0]
+        covariance = np.eye(len(residual)) + flat @ flat.T + sd_m**2 * drives @ drives.T
+        return multivariate_normal.logpdf(residual, cov=covariance)
+
+    beside = np.concatenate([linear.columns, cause], axis=2)
+    prior = -0.5 * (np.log1p(4e-6 / MEDIAN_M) / np.log(FACTOR)) ** 2
+    expected = density(beside, 4e-6) - density(beside, 0.0) + prior
+    assert PositioningPosterior(linear, linear.off_together(), cause).log_evidence(4e-6) == pytest.approx(expected)

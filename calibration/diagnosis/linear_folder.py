@@ -41,7 +41,7 @@ from calibration.recording.header import DeclaredLevels, DisturbanceLevels
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.reduction.data_checks import require_enough_poses
 
-MOST_AT_VISITS = 1500  # drives at visits, where there are distances: of more, what each is off by would take too long
+MOST_AT_VISITS = 600  # drives at visits, where there are distances: of more, what each is off by would take too long
 
 
 @dataclass(frozen=True)

@@ -41,8 +41,7 @@ class PositioningPosterior:
         self._levels = LevelPosterior(linear, included=included)
         groups, of_reading = np.unique(off.group, return_inverse=True)
         read = off.response, linear.of_numbers(columns), linear.of_numbers(linear.residual)[:, :, None]
-        across = np.swapaxes(off.response, 1, 2)
-        square, of_columns, of_residual = (_sums(across @ each, of_reading, len(groups)) for each in read)
+        square, of_columns, of_residual = (_products(off.response, each, of_reading, len(groups)) for each in read)
         values, vectors = np.linalg.eigh(square)
         told = values > SHARE_OF_LARGEST * values.max(initial=0.0)
         turned, scale = np.swapaxes(vectors, 1, 2), np.sqrt(values[told])
@@ -103,7 +102,10 @@ def _log_prior(sd_m: float) -> float:
     return -0.5 * (math.log1p(sd_m / MEDIAN_M) / math.log(FACTOR)) ** 2
 
 
-def _sums(values: Array, group: NDArray[np.intp], count: int) -> Array:
-    out = np.zeros((count, *values.shape[1:]))
-    np.add.at(out, group, values)
+def _products(response: Array, columns: Array, group: NDArray[np.intp], count: int) -> Array:
+    """Products (g, d, k) of responses (r, w, d) with columns (r, w, k), over the readings of each group (r,)."""
+    if count == 1:  # of many numbers, whose products for each reading would take too much memory
+        return np.asarray(response.reshape(-1, response.shape[2]).T @ columns.reshape(-1, columns.shape[2]))[None]
+    out = np.zeros((count, response.shape[2], columns.shape[2]))
+    np.add.at(out, group, np.swapaxes(response, 1, 2) @ columns)
     return out

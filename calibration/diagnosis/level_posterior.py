@@ -33,6 +33,7 @@ QUANTILE = 1.645  # 95 %, one-sided
 STEP = 0.05  # of a logarithm, for second derivatives
 FACTOR_OF_READINGS = 2.0  # of the readings' scatter over the stated one
 FEW_READINGS = 15.0  # degrees of freedom, with fewer of which nothing tells scatter from a cause
+SCATTERS = 24  # that are looked at, as stated and up to the 95 % point
 MORE_SCATTER = 0.2  # of their variance over the stated one, that is worth another look
 
 
@@ -95,6 +96,16 @@ class LevelPosterior:
     def log_density(self, x: Array) -> float:
         """Up to a constant."""
         return self._density(x)[0]
+
+    def highest_as_stated(self) -> float:
+        """The highest log density at the stated levels, by how much the readings scatter, unless they are few."""
+        values, vectors = np.linalg.eigh(self._gram)
+        values, along = np.maximum(values, 0.0), (vectors.T @ self._along) ** 2
+        x = np.linspace(0.0, self._tells_scatter * QUANTILE * self.prior[-1], SCATTERS)
+        variance = np.exp(2.0 * x)[:, None]
+        square = self._square - np.sum(along / (variance + values), axis=1)
+        determinant = 2.0 * x * self._count + self._log_determinant + np.sum(np.log1p(values / variance), axis=1)
+        return float(np.max(-0.5 * (square / variance[:, 0] + determinant + (x / self.prior[-1]) ** 2)))
 
     def gradient(self, x: Array) -> Array:
         """Derivatives (k + 1,) of the log density."""

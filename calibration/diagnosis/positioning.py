@@ -67,8 +67,7 @@ class PositioningPosterior:
         return self._standing_off(sd_m).log_density(stated) + _log_prior(sd_m) - self._levels.log_density(stated)
 
     def _at_most_likely_scatter(self, sd_m: float) -> float:
-        levels = self._standing_off(sd_m)
-        return levels.log_density(levels.most_likely_scatter()) + _log_prior(sd_m)
+        return self._standing_off(sd_m).highest_as_stated() + _log_prior(sd_m)
 
     def explained(self, sd_m: float) -> Explained:
         """What drives that stand off by it explain of the readings."""

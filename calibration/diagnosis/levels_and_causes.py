@@ -92,7 +92,7 @@ class LevelsAndCauses:
 
 
 class SearchOfLevelsAndCauses:
-    """The search on one recording; inputs: of the effects, at the declared levels."""
+    """The search on one recording; inputs, ranking (if known): of the effects, at the declared levels."""
 
     def __init__(
         self,
@@ -100,9 +100,10 @@ class SearchOfLevelsAndCauses:
         inputs: EffectInputs,
         effects: Sequence[Effect],
         budget: SearchBudget | None = None,
+        ranking: Sequence[Cause] | None = None,
     ) -> None:
         self._likelihood, self._inputs, self._effects = likelihood, inputs, tuple(effects)
-        self._budget = budget or SearchBudget()
+        self._budget, self._ranking = budget or SearchBudget(), ranking
         self._without_causes = LevelPosterior(likelihood.linear)
 
     def most_likely(self) -> LevelsAndCauses:
@@ -173,7 +174,8 @@ class SearchOfLevelsAndCauses:
         self, levels: Array, effects: Sequence[Effect], likelihood: MarginalLikelihood | None = None
     ) -> SearchAtLevels:
         likelihood = likelihood or self._likelihood_at(levels)
-        result = search_causes(likelihood, self._inputs, effects, self._budget)
+        known = likelihood is self._likelihood and tuple(effects) == self._effects
+        result = search_causes(likelihood, self._inputs, effects, self._budget, self._ranking if known else None)
         return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))
 
     def _likelihood_at(self, levels: Array) -> MarginalLikelihood:

@@ -67,14 +67,14 @@ def search_causes(
     inputs: EffectInputs,
     effects: Sequence[Effect],
     budget: SearchBudget | None = None,
+    ranking: Sequence[Cause] | None = None,
 ) -> SearchResult:
     """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives.
-
-    What is another at each visit explains much that is not its own. It is looked for only where something is left that
-    no effect explains otherwise, or several do only together. budget: of all searches in the same readings.
+    What is another at each visit explains much that is not its own: it is looked for only where something is left or
+    several explain it only together. budget: of all searches in the same readings; ranking: of effects alone, if known.
     """
     budget = budget or SearchBudget()
-    alone = rank_effects(likelihood, inputs, effects, thorough=budget.thorough)
+    alone = ranking or rank_effects(likelihood, inputs, effects, thorough=budget.thorough)
     found = _search(likelihood, inputs, effects, alone, budget, by_visit=False)
     if not (something_is_left(found) or found.has_several_effects) or budget.is_in_vain(BY_VISIT):
         return found

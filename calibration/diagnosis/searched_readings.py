@@ -79,9 +79,9 @@ class _SearchOfPositioning:
             if self._tried[sd_m].finds_nothing:
                 return self._tried[sd_m]
         else:
-            begins_m, first = 0.0, self._stated.ranking[:1]
-            if first and first[0].log_evidence < MUCH_EXPLAINED:
-                begins_m = self._beside_m(first, first[0].log_evidence)
+            begins_m, first = 0.0, self._stated.first_cause(self._budget)
+            if first is not None and first.log_evidence < MUCH_EXPLAINED:
+                begins_m = self._beside_m([first], first.log_evidence)
             self._tried[begins_m] = self._standing_off(begins_m).search(self._budget.anew())
             if self._best.found.log_posterior < alone.log_evidence:
                 self._tried[sd_m] = alone.search(self._budget.anew())
@@ -124,6 +124,7 @@ class _ReadingsToSearch:
     ) -> None:
         self.likelihood, self.log_evidence = MarginalLikelihood.of(linear), log_evidence
         self._catalogue, self._sd_m = catalogue, sd_m
+        self._ranking: list[Cause] | None = None
 
     @cached_property
     def _by_drive(self) -> tuple[Periodogram, ...]:
@@ -142,15 +143,15 @@ class _ReadingsToSearch:
     def _detectable(self) -> tuple[list[Effect], dict[str, str]]:
         return detectable_effects(self._inputs, self._catalogue)
 
-    @property
-    def ranking(self) -> list[Cause]:
-        """Effects, each alone, the most likely first."""
-        return rank_effects(self.likelihood, self._inputs, self._detectable[0])
+    def first_cause(self, budget: SearchBudget) -> Cause | None:
+        """The effect that alone is the most likely, if any could be."""
+        self._ranking = rank_effects(self.likelihood, self._inputs, self._detectable[0], thorough=budget.thorough)
+        return self._ranking[0] if self._ranking else None
 
     def search(self, budget: SearchBudget) -> Searched:
         """The most likely explanation."""
         effects, not_tested = self._detectable
-        found = SearchOfLevelsAndCauses(self.likelihood, self._inputs, effects, budget).most_likely()
+        found = SearchOfLevelsAndCauses(self.likelihood, self._inputs, effects, budget, self._ranking).most_likely()
         found = replace(
             found,
             log_posterior=found.log_posterior + self.log_evidence,

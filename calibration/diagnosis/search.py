@@ -70,6 +70,7 @@ def search_causes(
     ranking: Sequence[Cause] | None = None,
 ) -> SearchResult:
     """Include effects as long as each adds enough evidence; then compare with non-parametric alternatives.
+
     What is another at each visit explains much that is not its own: it is looked for only where something is left or
     several explain it only together. budget: of all searches in the same readings; ranking: of effects alone, if known.
     """

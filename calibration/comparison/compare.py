@@ -32,7 +32,6 @@ from calibration.comparison.two_folders import (
 from calibration.comparison.workspace import WorkspaceChanges
 from calibration.diagnosis.findings.remarks import does_not_repeat
 from calibration.diagnosis.linear_model import usable_rows
-from calibration.diagnosis.linearised_readings import LinearisedReadings
 from calibration.machine.description import Machine
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
@@ -177,23 +176,23 @@ def _largest_m(change: Found) -> float:
     return float(max(lengths, default=0.0))
 
 
-def _rough(linear: LinearisedReadings, scatter: float, positioning_sd_m: float) -> list[str]:
-    name, out = linear.campaign, []
-    if positioning_sd_m > 0.0:
-        out.append(f"{name}: {does_not_repeat(positioning_sd_m)}")
+def _rough(name: str, scatter: float) -> list[str]:
     if scatter <= ROUGH_SCATTER:
-        return out
+        return []
     return [
-        *out,
         f"{name}: readings scatter {scatter:.1f} times as much as stated about the fit of their campaign and "
-        f"count for less; `pkm-rig diagnose {name}` says why",
+        f"count for less; `pkm-rig diagnose {name}` says why"
     ]
 
 
+def _repeats(pair: TwoCampaigns) -> list[str]:
+    return [does_not_repeat(pair.positioning_sd_m)] if pair.positioning_sd_m > 0.0 else []
+
+
 def _remarks_on_folders(pair: TwoFolders) -> list[str]:
-    out = []
-    for linear, *rough in zip((pair.before, pair.after), pair.scatter, pair.positioning_sd_m, strict=True):
-        out += _rough(linear, *rough)
+    out = _repeats(pair)
+    for linear, scatter in zip((pair.before, pair.after), pair.scatter, strict=True):
+        out += _rough(linear.campaign, scatter)
         if linear.left_out:
             names = ", ".join(f"{reading.name} ({reading.of})" for reading in linear.left_out)
             out.append(f"{linear.campaign}: left out, as they do not fit the others: {names}")
@@ -201,11 +200,10 @@ def _remarks_on_folders(pair: TwoFolders) -> list[str]:
 
 
 def _remarks(recordings: tuple[Recording, Recording], pair: TwoCampaigns) -> list[str]:
-    out = []
-    models = pair.before, pair.after
-    for recording, linear, *rough in zip(recordings, models, pair.scatter, pair.positioning_sd_m, strict=True):
+    out = _repeats(pair)
+    for recording, linear, scatter in zip(recordings, (pair.before, pair.after), pair.scatter, strict=True):
         name = recording.file.campaign
-        out += _rough(linear, *rough)
+        out += _rough(name, scatter)
         if wrong := len(usable_rows(recording)) - len(linear.source_rows):
             out.append(f"{name}: {wrong} of its readings, which do not fit the others, left out")
         unknown = int(np.sum((recording["compensation"] > 0.0) & (np.asarray(recording["phase"]) != "nests")))

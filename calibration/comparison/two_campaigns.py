@@ -19,7 +19,7 @@ from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.linearisation import STIFFNESS_LIMIT_SIGMA
 from calibration.diagnosis.linearised_readings import LinearisedReadings, inverse_covariance_factor
-from calibration.diagnosis.positioning import as_it_repeats
+from calibration.diagnosis.positioning import most_likely_positioning_m
 from calibration.effects.basis_functions import cosine_basis
 from calibration.instruments.setups import range_shifts
 from calibration.recording.recording import Recording
@@ -37,7 +37,7 @@ class TwoCampaigns:
     standard deviation; names (b,); q (m, r): 1 - q q' is the inverse covariance of the readings, without what differs
     anew (m, k) from one campaign to the next at the declared levels: seats of reflectors, temperatures of parts.
     scatter: of the readings about the fit of each campaign alone, over the stated; the rows are divided by it where it
-    is larger than one. positioning_sd_m: how far the drives of each stand off anew at each visit. shared: reflectors
+    is larger than one. positioning_sd_m: how far drives stand off anew at each visit of either. shared: reflectors
     that both have in one place.
     """
 
@@ -49,7 +49,7 @@ class TwoCampaigns:
     q: Array
     anew: Array
     scatter: tuple[float, float]
-    positioning_sd_m: tuple[float, float]
+    positioning_sd_m: float
     shared: frozenset[str]
 
     @property
@@ -119,7 +119,9 @@ def _held(linear: LinearisedReadings) -> frozenset[str]:
 
 
 def _joined(before: LinearModel, after: LinearModel, shared: frozenset[str]) -> TwoCampaigns:
-    (before, before_m), (after, after_m) = as_it_repeats(before), as_it_repeats(after)
+    # A machine that does not repeat does so neither before nor after: what one campaign alone has is a change.
+    positioning_sd_m = min(most_likely_positioning_m(before), most_likely_positioning_m(after))
+    before, after = (linear.standing_off(positioning_sd_m) for linear in (before, after))
     scatter = scatter_of(before), scatter_of(after)
     parts = [_with_more(before), _with_more(after)]
     sizes = before.residual.size, after.residual.size
@@ -130,7 +132,7 @@ def _joined(before: LinearModel, after: LinearModel, shared: frozenset[str]) -> 
     names, columns = joint_columns(parts, common, weights)
     residual = np.concatenate([weights[0] * before.residual.ravel(), weights[1] * after.residual.ravel()])
     q = inverse_covariance_factor(columns[:, None, :])[:, 0]
-    return TwoCampaigns(before, after, residual, columns, names, q, anew, scatter, (before_m, after_m), shared)
+    return TwoCampaigns(before, after, residual, columns, names, q, anew, scatter, positioning_sd_m, shared)
 
 
 def joint_columns(

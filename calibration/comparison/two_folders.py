@@ -25,7 +25,7 @@ from calibration.comparison.two_campaigns import (
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.linear_folder import LinearFolder, linearise_measurements
 from calibration.diagnosis.linearised_readings import inverse_covariance_factor
-from calibration.diagnosis.positioning import as_it_repeats
+from calibration.diagnosis.positioning import most_likely_positioning_m
 from calibration.recording.measurement_folder import MeasuredMachine
 
 
@@ -43,8 +43,9 @@ class TwoFolders(TwoCampaigns):
 
 def linearise_folders(before: MeasuredMachine, after: MeasuredMachine) -> TwoFolders:
     """Both folders, wrong readings left out. Raises InputError."""
-    repeating = [as_it_repeats(with_all_unknowns(linearise_measurements(measured))) for measured in (before, after)]
-    models, (before_m, after_m) = [linear for linear, _ in repeating], (sd_m for _, sd_m in repeating)
+    models = [with_all_unknowns(linearise_measurements(measured)) for measured in (before, after)]
+    positioning_sd_m = min(most_likely_positioning_m(linear) for linear in models)
+    models = [linear.standing_off(positioning_sd_m) for linear in models]
     scatter = scatter_of(models[0]), scatter_of(models[1])
     weights = [1.0 / max(each, LEAST_SCATTER) for each in scatter]
     parameters = {p.name for p in models[0].poses.model.parameters.parameters}
@@ -54,9 +55,7 @@ def linearise_folders(before: MeasuredMachine, after: MeasuredMachine) -> TwoFol
     residual = np.concatenate([w * linear.residual.ravel() for w, linear in zip(weights, models, strict=True)])
     q = np.concatenate([inverse_covariance_factor(columns[:, None, :])[:, 0], *_open_ends(models)], axis=1)
     anew = np.zeros((len(residual), 1))  # parts of a folder have no temperature that differs anew, and no reflectors
-    return TwoFolders(
-        models[0], models[1], residual, columns, names, q, anew, scatter, (before_m, after_m), frozenset()
-    )
+    return TwoFolders(models[0], models[1], residual, columns, names, q, anew, scatter, positioning_sd_m, frozenset())
 
 
 def candidates_of_folders(pair: TwoFolders) -> list[Candidate]:

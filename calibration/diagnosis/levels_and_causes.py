@@ -82,13 +82,13 @@ class LevelsAndCauses:
     likelihood: MarginalLikelihood
     result: SearchResult
     none_elsewhere: float
-    log_posterior: float
-    log_evidence: float
     told_by_form: ToldByForm | None = None
     left_out: tuple[str, ...] = ()
     times_tolerances: float = 1.0
     times_scatter: float = 1.0
     positioning_sd_m: float = 0.0
+    log_posterior: float = 0.0
+    log_evidence: float = 0.0
 
 
 class SearchOfLevelsAndCauses:
@@ -154,8 +154,8 @@ class SearchOfLevelsAndCauses:
         most_of_none = max(search.log_evidence for search in tried)
         none_elsewhere, left_out = most_of_none - best.log_evidence, tuple(self._budget.left_out)
         times = self._without_causes.levels(best.levels)[TOLERANCES], float(np.exp(best.levels[-1]))
-        own = best.log_posterior, best.log_evidence
-        return LevelsAndCauses(best.likelihood, best.result, none_elsewhere, *own, told_by_form, left_out, *times)
+        found = LevelsAndCauses(best.likelihood, best.result, none_elsewhere, told_by_form, left_out, *times)
+        return replace(found, log_posterior=best.log_posterior, log_evidence=best.log_evidence)
 
     def _search_in_noise(self, scattering: Array) -> SearchAtLevels | None:
         """The search with readings that scatter more than stated, where no visit is off; else None.

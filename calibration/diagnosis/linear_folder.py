@@ -142,6 +142,8 @@ class LinearFolder(LinearisedReadings):
 
         Where there are distances it has a column for each drive at each visit: each visit may have many of them.
         """
+        if sd_m == 0.0:
+            return self
         if not np.any(self.rows.has_two_ends):
             off = OffTogether(self.drive_responses(), self.rows.visit)
             return self._with_noise(1.0 / whitening_of_each(off, sd_m)[:, 0, 0])

@@ -134,6 +134,8 @@ class LinearModel(LinearisedReadings):
 
     def standing_off(self, sd_m: float) -> LinearModel:
         """The same on a machine whose drives stand off anew at each visit."""
+        if sd_m == 0.0:
+            return self
         turn = whitening_of_each(self.off_together(), sd_m)
         columns = turn @ self.columns
         return replace(

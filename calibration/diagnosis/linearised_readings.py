@@ -52,6 +52,10 @@ class OffTogether:
     response: Array
     group: NDArray[np.intp]
 
+    def by_one(self, drive: int, drives: int) -> OffTogether:
+        """Where they are off by one of so many drives alone."""
+        return OffTogether(self.response[:, :, drive::drives], self.group)
+
 
 @dataclass(frozen=True)
 class LinearisedReadings(ObservedModel, ABC):

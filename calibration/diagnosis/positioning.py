@@ -7,7 +7,6 @@ the readings, which are off one by one.
 from __future__ import annotations
 
 import math
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +21,6 @@ LEAST_SCORE = 2.0  # standard deviations of the score by which it is worth askin
 LEAST_GAIN = 2.0  # log posterior over none
 NEAR = 0.1  # of x: nearer ones say the same
 SHARE_OF_LARGEST = 1.0e-9  # of what the readings say of a drive: directions with less are none
-
-
-Readings = TypeVar("Readings", bound=LinearisedReadings)
 
 
 class PositioningPosterior:
@@ -88,13 +84,12 @@ class PositioningPosterior:
         return float(np.sum(left - expected) / math.sqrt(2.0 * np.sum(expected**2)))
 
 
-def as_it_repeats(linear: Readings) -> tuple[Readings, float]:
-    """The same of a machine that repeats as badly as is most likely, and the standard deviation in m of its drives."""
+def most_likely_positioning_m(linear: LinearisedReadings) -> float:
+    """The most likely standard deviation of readings without a cause, 0 where they are too few or too many to ask."""
     off = linear.off_together()
     if off is None or linear.degrees_of_freedom < FEW_READINGS:
-        return linear, 0.0
-    sd_m = PositioningPosterior(linear, off).most_likely_m()
-    return (linear.standing_off(sd_m), sd_m) if sd_m > 0.0 else (linear, 0.0)
+        return 0.0
+    return PositioningPosterior(linear, off).most_likely_m()
 
 
 def _log_prior(sd_m: float) -> float:

@@ -14,6 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
+from calibration.base.arrays import Array
 from calibration.diagnosis.detectable_effects import detectable_effects
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
@@ -73,11 +74,21 @@ class _SearchOfPositioning:
         sd_m = self._posterior.most_likely_m()
         if sd_m == 0.0:
             return self._stated.search(self._budget)
+        self._try_all(sd_m)
+        if self._one_drive_explains_more(
+            self._best
+        ):  # no ordinary one, or an effect at it that is another at each visit
+            self._tried = {0.0: self._tried.get(0.0) or self._stated.search(self._budget.anew())}
+        best, every = self._best, [searched.found for searched in self._tried.values()]
+        most_of_none = max(found.log_evidence + found.none_elsewhere for found in every)
+        return replace(best, found=replace(best.found, none_elsewhere=most_of_none - best.found.log_evidence))
+
+    def _try_all(self, sd_m: float) -> None:
         alone = self._standing_off(sd_m)
         if not alone.any_function_explains_something:  # what drives do at random is all there is, or most of it
             self._tried[sd_m] = alone.search(self._budget.anew())
             if self._tried[sd_m].finds_nothing:
-                return self._tried[sd_m]
+                return
         else:
             begins_m, first = 0.0, self._stated.first_cause(self._budget)
             if first is not None and first.log_evidence < MUCH_EXPLAINED:
@@ -91,13 +102,26 @@ class _SearchOfPositioning:
             if any(_alike(beside_m, other_m) for other_m in self._tried):
                 break
             self._tried[beside_m] = self._standing_off(beside_m).search(self._budget.anew())
-        best, every = self._best, [searched.found for searched in self._tried.values()]
-        most_of_none = max(found.log_evidence + found.none_elsewhere for found in every)
-        return replace(best, found=replace(best.found, none_elsewhere=most_of_none - best.found.log_evidence))
 
     @property
     def _best(self) -> Searched:
         return max(self._tried.values(), key=lambda searched: searched.found.log_posterior)
+
+    def _one_drive_explains_more(self, searched: Searched) -> bool:
+        """Whether beside the causes one drive that stands off by more explains more than all do by what was found."""
+        sd_m, drives = searched.found.positioning_sd_m, len(self._linear.machine.drive_names)
+        if sd_m == 0.0:
+            return False
+        columns, one_m = self._columns(searched.found.result.causes), sd_m * math.sqrt(drives)
+        by_one = [
+            PositioningPosterior(self._linear, self._off.by_one(drive, drives), columns) for drive in range(drives)
+        ]
+        most = max(posterior.log_evidence(each_m) for posterior in by_one for each_m in (one_m, one_m / 1.5))
+        return most > PositioningPosterior(self._linear, self._off, columns).log_evidence(sd_m)
+
+    def _columns(self, causes: Sequence[Cause]) -> Array | None:
+        columns = [columns_of_cause(self._stated.likelihood, cause) for cause in as_found(causes)]
+        return np.concatenate(columns, axis=2) if columns else None
 
     def _standing_off(self, sd_m: float) -> _ReadingsToSearch:
         if sd_m == 0.0:
@@ -110,8 +134,7 @@ class _SearchOfPositioning:
         what the causes' forms may leave."""
         if not causes:
             return 0.0
-        columns = [columns_of_cause(self._stated.likelihood, cause) for cause in as_found(causes)]
-        posterior = PositioningPosterior(self._linear, self._off, np.concatenate(columns, axis=2))
+        posterior = PositioningPosterior(self._linear, self._off, self._columns(causes))
         return posterior.most_likely_m(float(VERDICT.threshold_of_excess(explained)))
 
 

@@ -189,6 +189,6 @@ def test_a_machine_that_does_not_repeat_is_compared_as_one(scale):
     change = Change(travel={1: lambda q: scale * q}) if scale else Change()
     result = compare(campaign(1, Change()), campaign(2, change))
     assert result.verdict == ("drive_scale" if scale else "nothing")
-    assert [remark[:4] for remark in result.remarks if "does not repeat" in remark] == ["c1: ", "c2: "]
+    assert any("does not repeat better than" in remark for remark in result.remarks)
     for quantity in (quantity for found in result.changes for quantity in found.quantities):
         assert abs(quantity.value - scale) < 2.5 * quantity.u

@@ -52,6 +52,16 @@ class OffTogether:
     response: Array
     group: NDArray[np.intp]
 
+    def products(self, columns: Array) -> Array:
+        """Products (g, d, k) of the responses with columns (r, w, k), over the readings of each group in its order."""
+        groups, of_reading = np.unique(self.group, return_inverse=True)
+        if len(groups) == 1:  # of many numbers, whose products for each reading would take too much memory
+            flat = self.response.reshape(-1, self.response.shape[2])
+            return np.asarray(flat.T @ columns.reshape(-1, columns.shape[2]))[None]
+        out = np.zeros((len(groups), self.response.shape[2], columns.shape[2]))
+        np.add.at(out, of_reading, np.swapaxes(self.response, 1, 2) @ columns)
+        return out
+
     def by_one(self, drive: int, drives: int) -> OffTogether:
         """Where they are off by one of so many drives alone."""
         return OffTogether(self.response[:, :, drive::drives], self.group)

@@ -17,17 +17,15 @@ HALVINGS = 30  # of the interval in which a factor lies
 def whitening_of_each(off: OffTogether, sd: float) -> Array:
     """Matrices (r, w, w) that whiten once more readings that are off together, by numbers with a standard deviation.
 
-    A reading has its own part of the covariance, I + c sd^2 J J', with such a factor c,
-    between 1 and the number of readings in the group, that these say as much of the d numbers, in the trace of the
-    information, as by the covariance of all.
+    A reading has its own part of the covariance, I + c sd^2 J J', with such a factor c, between 1 and the number of
+    readings in the group, that these say as much of the d numbers, in the trace of the information, as by the
+    covariance of all.
     """
     response = off.response
     groups, of_reading = np.unique(off.group, return_inverse=True)
     own, vectors = np.linalg.eigh(response @ np.swapaxes(response, 1, 2))
     own = np.maximum(own, 0.0)
-    square = np.zeros((len(groups), response.shape[2], response.shape[2]))
-    np.add.at(square, of_reading, np.swapaxes(response, 1, 2) @ response)
-    together = np.maximum(np.linalg.eigvalsh(square), 0.0)
+    together = np.maximum(np.linalg.eigvalsh(off.products(response)), 0.0)
     expected = np.sum(together / (1.0 + sd**2 * together), axis=1)
 
     def grown(factor: Array) -> Array:

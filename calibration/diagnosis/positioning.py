@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.optimize import minimize_scalar
 
 from calibration.base.arrays import Array
@@ -35,10 +34,9 @@ class PositioningPosterior:
         if included is not None:
             columns = np.concatenate([columns, linear.joined(included)], axis=2)
         self._levels = LevelPosterior(linear, included=included)
-        groups, of_reading = np.unique(off.group, return_inverse=True)
-        read = off.response, linear.of_numbers(columns), linear.of_numbers(linear.residual)[:, :, None]
-        square, of_columns, of_residual = (_products(off.response, each, of_reading, len(groups)) for each in read)
-        values, vectors = np.linalg.eigh(square)
+        of_columns = off.products(linear.of_numbers(columns))
+        of_residual = off.products(linear.of_numbers(linear.residual)[:, :, None])
+        values, vectors = np.linalg.eigh(off.products(off.response))
         told = values > SHARE_OF_LARGEST * values.max(initial=0.0)
         turned, scale = np.swapaxes(vectors, 1, 2), np.sqrt(values[told])
         self._values = values[told]
@@ -94,12 +92,3 @@ def most_likely_positioning_m(linear: LinearisedReadings) -> float:
 
 def _log_prior(sd_m: float) -> float:
     return -0.5 * (math.log1p(sd_m / MEDIAN_M) / math.log(FACTOR)) ** 2
-
-
-def _products(response: Array, columns: Array, group: NDArray[np.intp], count: int) -> Array:
-    """Products (g, d, k) of responses (r, w, d) with columns (r, w, k), over the readings of each group (r,)."""
-    if count == 1:  # of many numbers, whose products for each reading would take too much memory
-        return np.asarray(response.reshape(-1, response.shape[2]).T @ columns.reshape(-1, columns.shape[2]))[None]
-    out = np.zeros((count, response.shape[2], columns.shape[2]))
-    np.add.at(out, group, np.swapaxes(response, 1, 2) @ columns)
-    return out

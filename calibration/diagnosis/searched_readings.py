@@ -75,9 +75,7 @@ class _SearchOfPositioning:
         if sd_m == 0.0:
             return self._stated.search(self._budget)
         self._try_all(sd_m)
-        if self._one_drive_explains_more(
-            self._best
-        ):  # no ordinary one, or an effect at it that is another at each visit
+        if self._one_drive_explains_more(self._best):  # not the machine, or an effect that is another at each visit
             self._tried = {0.0: self._tried.get(0.0) or self._stated.search(self._budget.anew())}
         best, every = self._best, [searched.found for searched in self._tried.values()]
         most_of_none = max(found.log_evidence + found.none_elsewhere for found in every)

@@ -17,6 +17,7 @@ __all__ = [
     "model_comparison",
     "observability",
     "pose_selection",
+    "positioning",
     "prediction",
     "problem",
     "remarks",

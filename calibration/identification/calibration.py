@@ -14,6 +14,7 @@ from calibration.identification.estimators import identify
 from calibration.identification.fit import Estimator, Fit
 from calibration.identification.gate import gate_readings
 from calibration.identification.observability import observability_of
+from calibration.identification.positioning import with_positioning
 from calibration.identification.prediction import predict_poses
 from calibration.identification.problem import LeastSquaresProblem
 from calibration.identification.remarks import remarks
@@ -85,6 +86,7 @@ def identify_recording(
     require_spread_poses(recording.machine, observations.visits.target_m)
     station = _station(reduction, observations)
     fit = identify(model, observations.visits, [SmrPositions(observations, station)], estimator, robust=robust)
+    fit = fit if robust else with_positioning(fit)
     if len(reduction.setups) > 1:  # the fit knows better how the set-ups lie than the points that they have in common
         reduction = reduce(part, wrong=wrong, known=_fitted_setups(fit, reduction.nests))
     return Calibration(reduction, fit, _baselines(reduction, station) if baselines else ())
@@ -177,6 +179,7 @@ def identified_summary(identified: Calibration) -> dict[str, Any]:
         "rank": observed.n_determined,
         "unknowns": fit.layout.size,
         "chi2_per_dof": fit.chi2_per_dof,
+        "positioning_sd_m": fit.positioning_sd_m,
         "aliased": list(observed.sentences),
         "remarks": list(remarks(fit)),
         "range_constant_m": identified.reduction.range_constant_m,

@@ -98,7 +98,7 @@ def _fit(problem: LeastSquaresProblem, z: Array, weight: float, estimator: Estim
         visits=problem.visits,
         instruments=tuple(problem.readings),
         unknowns=z * sigma,
-        covariance=scaled * sigma[:, None] * sigma[None, :],
+        covariance_as_stated=scaled * sigma[:, None] * sigma[None, :],
         system=system,
         weight=weight,
         chi2_per_dof=sum(float(np.sum(r**2)) for r in residuals) / dof,

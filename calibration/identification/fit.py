@@ -22,12 +22,23 @@ Estimator = Literal["map", "least_squares", "tikhonov", "l_curve", "truncated_sv
 
 
 @dataclass(frozen=True)
+class Positioning:
+    """How far drives stand off anew at each visit, in standard deviations, of a crank at its joint; what that adds to
+    the covariance (u, u) of the unknowns; and how much the readings scatter beside it, over what is stated of them."""
+
+    sd_m: float
+    covariance: Array
+    scatter: float
+
+
+@dataclass(frozen=True)
 class Fit:
     """A fitted model with the readings that it was fitted to.
 
-    unknowns (u,) and covariance (u, u): in SI units, in the order of `layout`. The covariance is that of the
-    estimator's error if the truth is drawn from the priors: the posterior covariance for the default estimator; for
-    the others it includes the bias of their regularisation. system: the readings linearised at the solution, in
+    unknowns (u,) and covariance_as_stated (u, u): in SI units, in the order of `layout`. The covariance is that of the
+    estimator's error if the truth is drawn from the priors and the readings scatter as stated: the posterior covariance
+    for the default estimator; for the others it includes the bias of their regularisation. positioning: None where the
+    machine repeats itself, or nobody has asked (calibration.identification.positioning). system: the readings linearised at the solution, in
     unknowns scaled by the standard deviations of their priors. weight: factor on the standard deviations' inverses in
     the estimator. chi2_per_dof: weighted sum of squares per degree of freedom of the readings. residuals: whitened,
     one array (r, w) per instrument. converged: the search ended by itself.
@@ -38,13 +49,26 @@ class Fit:
     visits: Visits
     instruments: tuple[Readings, ...]
     unknowns: Array
-    covariance: Array
+    covariance_as_stated: Array
     system: TriangularSystem
     weight: float
     chi2_per_dof: float
     residuals: tuple[Array, ...]
     estimator: Estimator
     converged: bool
+    positioning: Positioning | None = None
+
+    @property
+    def covariance(self) -> Array:
+        """Covariance (u, u) of the unknowns' error, with what the drives add to it."""
+        if self.positioning is None:
+            return self.covariance_as_stated
+        return self.covariance_as_stated + self.positioning.covariance
+
+    @property
+    def positioning_sd_m(self) -> float:
+        """How far drives stand off anew at each visit, 0 where that cannot be told from noise."""
+        return 0.0 if self.positioning is None else self.positioning.sd_m
 
     @property
     def machine(self) -> Machine:
@@ -70,7 +94,7 @@ class Fit:
     def degrees_of_freedom(self) -> float:
         """Numbers read minus those that the fit used up, the trace of its hat matrix."""
         sigma = self.layout.sigma
-        scaled = self.covariance / sigma[:, None] / sigma[None, :]
+        scaled = self.covariance_as_stated / sigma[:, None] / sigma[None, :]
         return self.system.n_rows - float(np.sum(scaled * self.system.information()))
 
     @property

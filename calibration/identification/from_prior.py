@@ -66,7 +66,7 @@ def identify_from_prior(model: Model, visits: Visits, readings: Sequence[Reading
         visits=visits,
         instruments=tuple(problem.readings),
         unknowns=z * sigma,
-        covariance=scaled * sigma[:, None] * sigma[None, :],
+        covariance_as_stated=scaled * sigma[:, None] * sigma[None, :],
         system=system,
         weight=1.0,
         chi2_per_dof=sum(float(np.sum(r**2)) for r in residuals) / freedom,

@@ -34,7 +34,8 @@ def joint_covariance(fit: Fit, draws: int = DRAWS) -> Array:
         return fit.covariance
     problem = LeastSquaresProblem(fit.model, fit.visits, fit.instruments)
     sigma = fit.layout.sigma
-    z, covariance = fit.unknowns / sigma, fit.covariance / np.outer(sigma, sigma)
+    z, scale = fit.unknowns / sigma, np.outer(sigma, sigma)
+    covariance, as_stated = fit.covariance / scale, fit.covariance_as_stated / scale
     root = np.linalg.cholesky(covariance + ROUND_OFF * np.eye(len(z)))
     linear = LinearReadings.of(problem, z, ())
     jacobian = np.concatenate([part.reshape(-1, len(z)) for part in linear.jacobian])
@@ -46,7 +47,7 @@ def joint_covariance(fit: Fit, draws: int = DRAWS) -> Array:
             residual = np.concatenate([part.ravel() for part in problem.residuals(z + change)])
         except InputError:  # no equilibrium: such a machine cannot have given these readings
             continue
-        back = covariance @ (jacobian.T @ (residual - at_solution - jacobian @ change))
+        back = as_stated @ (jacobian.T @ (residual - at_solution - jacobian @ change))
         added += np.outer(back, back)
         count += 1
-    return np.asarray(fit.covariance + added / max(count, 1) * np.outer(sigma, sigma))
+    return np.asarray(fit.covariance + added / max(count, 1) * scale)

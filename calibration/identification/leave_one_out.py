@@ -46,7 +46,7 @@ def leave_one_out(fit: Fit) -> tuple[LeaveOneOutErrors, ...]:
             compared = some.compare(poses, local, fit.unknowns[instrument_columns])
             columns = np.concatenate([np.arange(count), np.arange(instrument_columns.start, instrument_columns.stop)])
             jacobian = np.concatenate([compared.by_model, compared.by_own], axis=2)
-            hat = jacobian @ fit.covariance[np.ix_(columns, columns)] @ jacobian.transpose(0, 2, 1)
+            hat = jacobian @ fit.covariance_as_stated[np.ix_(columns, columns)] @ jacobian.transpose(0, 2, 1)
             try:
                 inverse_complement = np.linalg.inv(np.eye(readings.width) - hat)
             except np.linalg.LinAlgError:

@@ -16,6 +16,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.base.rotation import rotation_vector, skew
 from calibration.identification.fit import Fit
+from calibration.identification.positioning import drive_responses
 from calibration.identification.problem import Layout, LeastSquaresProblem
 from calibration.instruments.readings import Readings
 from calibration.model.model import Model, Poses
@@ -108,10 +109,10 @@ def predict_tool(fit: Fit, visits: Visits) -> PredictedPoses:
 def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = MONTE_CARLO_DRAWS) -> PredictedPoses:
     """The same by propagation of distributions (JCGM 101) through the default estimator itself.
 
-    Each draw takes new errors for every reading and every prior, fits again with the full model and predicts. Drawing
-    from the linear covariance instead would be wrong: stiffness and misfit are each known poorly, but their product
-    well. Costs a fit a draw; a standard deviation from n draws is good to 1 / sqrt(2 n). InputError for other
-    estimators and for less than two draws.
+    Each draw takes new errors for every reading and every prior, and for drives that do not repeat, fits again with the
+    full model and predicts. Drawing from the linear covariance instead would be wrong: stiffness and misfit are each
+    known poorly, but their product well. Costs a fit a draw; a standard deviation from n draws is good to
+    1 / sqrt(2 n). InputError for other estimators and for less than two draws.
     """
     if fit.estimator != "map" or draws < 2:
         raise InputError("monte carlo: it needs the estimator 'map' and at least 2 draws; choose both")
@@ -123,8 +124,12 @@ def monte_carlo(fit: Fit, visits: Visits, seed: int, draws: int = MONTE_CARLO_DR
     gauged = any(part.free_rigid_motion for part in fit.instruments)
     perfect = [part.with_noise(r) for part, r in zip(fit.instruments, fit.residuals, strict=True)]
     total, square = np.zeros((len(visits), 6)), np.zeros((len(visits), 6, 6))
+    responses = drive_responses(fit) if fit.positioning_sd_m > 0.0 else []
     for _ in range(draws):
         noisy = [part.with_noise(rng.standard_normal((len(part), part.width))) for part in perfect]
+        if responses:
+            off_m = fit.positioning_sd_m * rng.standard_normal(fit.visits.drives.shape)
+            noisy = [part.with_noise(some.shift(off_m)) for part, some in zip(noisy, responses, strict=True)]
         problem = LeastSquaresProblem(fit.model, fit.visits, noisy, centre=z + rng.standard_normal(z.size))
         draw = fit.model.predict((problem.minimise(z, np.arange(z.size), 1.0) * sigma)[: len(fit.model)], visits)
         shift = (draw.tool_m() - tool)[:, :, None]

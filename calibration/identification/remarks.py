@@ -14,8 +14,16 @@ MOST_NAMED = 3
 
 
 def remarks(fit: Fit) -> tuple[str, ...]:
-    """Sentences on scatter, on parameters far outside their tolerances, on convergence and on loads."""
-    return (*_convergence(fit), *_scatter(fit), *_far_from_nominal(fit), *_loads(fit))
+    """Sentences on scatter, on drives that do not repeat, on parameters far outside their tolerances, on convergence and on loads."""
+    return (*_convergence(fit), *_scatter(fit), *_positioning(fit), *_far_from_nominal(fit), *_loads(fit))
+
+
+def does_not_repeat(sd_m: float) -> str:
+    """Of a machine whose drives stand off with a standard deviation in m."""
+    return (
+        f"the machine does not repeat better than {1e6 * sd_m:.1f} um: by that standard deviation its drives "
+        "stand off anew at each visit, whatever they report, and no calibration takes that away"
+    )
 
 
 def _convergence(fit: Fit) -> tuple[str, ...]:
@@ -29,15 +37,22 @@ def _convergence(fit: Fit) -> tuple[str, ...]:
 def _scatter(fit: Fit) -> tuple[str, ...]:
     freedom = max(fit.degrees_of_freedom, 1.0)
     spare = FEW_CHI * np.sqrt(2.0 / freedom)
-    sentence = f"the readings scatter {np.sqrt(fit.chi2_per_dof):.2g} times as much as is stated of them"
-    if fit.chi2_per_dof > SCATTER + spare:
+    square = fit.chi2_per_dof if fit.positioning is None else fit.positioning.scatter**2
+    sentence = f"the readings scatter {np.sqrt(square):.2g} times as much as is stated of them"
+    if square > SCATTER + spare:
         return (
             f"{sentence}: outliers, a wrong unit of their covariance, or an effect that the model leaves out; the "
             "stated uncertainties are too small, look at the residuals",
         )
-    if fit.chi2_per_dof < QUIET - spare:
+    if square < QUIET - spare:
         return (f"{sentence}: check the unit of their covariance; the stated uncertainties are too large",)
     return ()
+
+
+def _positioning(fit: Fit) -> tuple[str, ...]:
+    if fit.positioning is None:
+        return ()
+    return (f"{does_not_repeat(fit.positioning.sd_m)}; the standard uncertainties include it",)
 
 
 def _far_from_nominal(fit: Fit) -> tuple[str, ...]:

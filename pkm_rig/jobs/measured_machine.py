@@ -19,6 +19,7 @@ from calibration.identification.joint_covariance import joint_covariance
 from calibration.identification.leave_one_out import LeaveOneOutErrors, leave_one_out
 from calibration.identification.measured_gate import without_wrong_readings
 from calibration.identification.observability import Observability, observability_of
+from calibration.identification.positioning import with_positioning
 from calibration.instruments.readings import Readings
 from calibration.instruments.tool_coordinates import ToolCoordinates
 from calibration.machine.description import COORDINATES
@@ -87,7 +88,7 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
     numbers = sum(len(r) * r.width for r in readings)
     require_enough_poses(measured.machine, measured.visits.target_m)
     model = Model(measured.parameters())
-    fit = identify(model, measured.visits, readings, chosen)
+    fit = with_positioning(identify(model, measured.visits, readings, chosen))
     observed = observability_of(fit)
     out: dict[str, Any] = {
         "calibration": measured.file.name,
@@ -168,6 +169,7 @@ def _figures(fit: Fit) -> dict[str, Any]:
         "effective_unknowns": sum(r.residual.size for r in left) - fit.degrees_of_freedom,
         "degrees_of_freedom": fit.degrees_of_freedom,
         "chi2_per_dof": fit.chi2_per_dof,
+        "positioning_sd_m": fit.positioning_sd_m,
     }
 
 

@@ -15,6 +15,7 @@ from calibration.base.arrays import Array
 from calibration.base.errors import InputError
 from calibration.identification.fit import Fit
 from calibration.identification.from_prior import Prior, identify_from_prior
+from calibration.identification.positioning import with_positioning
 from calibration.instruments.setups import RANGE_ERRORS
 from calibration.instruments.smr_positions import SmrPositions, StationModel
 from calibration.intervals.check_estimate import CheckDesign
@@ -103,6 +104,7 @@ def fit_partly(reference: Reference, recording: Recording, growth: Array) -> Fit
             "than was thought; calibrate anew"
         )
     of_session = np.array([name in RANGE_ERRORS for name in fit.layout.names])
+    fit = with_positioning(fit)
     return replace(fit, unknowns=np.where(of_session, 0.0, fit.unknowns))
 
 

@@ -37,11 +37,11 @@ class Fit:
 
     unknowns (u,) and covariance_as_stated (u, u): in SI units, in the order of `layout`. The covariance is that of the
     estimator's error if the truth is drawn from the priors and the readings scatter as stated: the posterior covariance
-    for the default estimator; for the others it includes the bias of their regularisation. positioning: None where the
-    machine repeats itself, or nobody has asked (calibration.identification.positioning). system: the readings linearised at the solution, in
-    unknowns scaled by the standard deviations of their priors. weight: factor on the standard deviations' inverses in
-    the estimator. chi2_per_dof: weighted sum of squares per degree of freedom of the readings. residuals: whitened,
-    one array (r, w) per instrument. converged: the search ended by itself.
+    for the default estimator; for the others it includes the bias of their regularisation. system: the
+    readings linearised at the solution, in unknowns scaled by the standard deviations of their priors. weight: factor
+    on the standard deviations' inverses in the estimator. chi2_per_dof: weighted sum of squares per degree of freedom
+    of the readings. residuals: whitened, one array (r, w) per instrument. converged: the search ended by itself.
+    positioning: None where the machine repeats itself, or nobody has asked (calibration.identification.positioning).
     """
 
     model: Model

@@ -14,7 +14,7 @@ MOST_NAMED = 3
 
 
 def remarks(fit: Fit) -> tuple[str, ...]:
-    """Sentences on scatter, on drives that do not repeat, on parameters far outside their tolerances, on convergence and on loads."""
+    """Sentences on convergence, scatter, drives that do not repeat, parameters far outside their tolerances, loads."""
     return (*_convergence(fit), *_scatter(fit), *_positioning(fit), *_far_from_nominal(fit), *_loads(fit))
 
 

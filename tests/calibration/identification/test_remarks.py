@@ -70,6 +70,6 @@ def test_too_few_poses_and_poses_in_one_corner_are_refused(machine):
 )
 def test_scatter_is_said_beyond_half_and_one_and_a_half_by_four_standard_deviations(chi2_per_dof, begins):
     """Of chi-squared over 200 degrees of freedom: 4 (2 / 200)^(1/2) = 0.4."""
-    sentences = _scatter(SimpleNamespace(degrees_of_freedom=200.0, chi2_per_dof=chi2_per_dof))
+    sentences = _scatter(SimpleNamespace(degrees_of_freedom=200.0, chi2_per_dof=chi2_per_dof, positioning=None))
     assert len(sentences) == (begins is not None)
     assert all(sentence.startswith(begins) for sentence in sentences)

@@ -45,9 +45,9 @@ class DriveResponses:
         """Of some readings (k,): (k w, v d)."""
         by_drive = self.by_drive[some]
         count, width, _, drives = by_drive.shape
-        row = np.arange(count * width).reshape(count, width, 1, 1)
-        column = (self.visit[some][:, :, None] * drives + np.arange(drives))[:, None]
-        row, column = (np.broadcast_to(index, by_drive.shape).ravel() for index in (row, column))
+        of_number = np.arange(count * width).reshape(count, width, 1, 1)
+        of_drive = (self.visit[some][:, :, None] * drives + np.arange(drives))[:, None]
+        row, column = (np.broadcast_to(index, by_drive.shape).ravel() for index in (of_number, of_drive))
         return csr_array((by_drive.ravel(), (row, column)), shape=(count * width, visits * drives))
 
 

@@ -85,8 +85,7 @@ def _axes(machine: Machine) -> str:
 
 def _of_drives(machine: Machine) -> Iterator[Candidate]:
     for a, (drive, kind) in enumerate(zip(machine.drive_names, machine.drive_kinds, strict=True)):
-        crank = kind == "crank"
-        unit, per_m = ("rad", 1.0 / machine.crank_arm_m(a)) if crank else ("m", 1.0)
+        unit, per_m = "rad" if kind == "crank" else "m", 1.0 / float(machine.arms_m[a])
         span = float(np.max(np.abs(machine.travel[a])))
         channel = f"travel.{drive}"
         offset = Move("offset", unit, per_m, channel=channel)

@@ -30,8 +30,8 @@ from calibration.comparison.two_folders import (
     require_one_measured_machine,
 )
 from calibration.comparison.workspace import WorkspaceChanges
+from calibration.diagnosis.findings.remarks import does_not_repeat
 from calibration.diagnosis.linear_model import usable_rows
-from calibration.identification.remarks import does_not_repeat
 from calibration.machine.description import Machine
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording

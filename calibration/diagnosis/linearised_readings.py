@@ -196,9 +196,8 @@ class LinearisedReadings(ObservedModel, ABC):
     def drive_responses(self) -> Array:
         """Whitened shifts (n, w, d) of what is read for one metre of each drive's travel; of a crank, at its joint."""
         shift_m, machine = Channels(self).shift_m, self.machine
-        arm_m = [machine.crank_arm_m(a) if kind == "crank" else 1.0 for a, kind in enumerate(machine.drive_kinds)]
         by_drive = [self.whiten_shift(shift_m(f"travel.{drive}")) for drive in machine.drive_names]
-        return np.stack(by_drive, axis=2) / arm_m
+        return np.stack(by_drive, axis=2) / machine.arms_m
 
     def off_together(self) -> OffTogether | None:
         """By what readings are off together where drives stand off anew at each visit; None if that is too much."""

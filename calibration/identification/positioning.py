@@ -58,34 +58,50 @@ def with_positioning(fit: Fit) -> Fit:
     """
     if fit.estimator != "map":
         return fit
-    visits, unknowns = len(fit.visits) * len(fit.machine.drive_names), fit.layout.size
-    gram, along = csr_array((visits, visits)), np.zeros((visits, unknowns))
-    of_residual, square = np.zeros(visits), 0.0
-    responses = drive_responses(fit)
-    problem = LeastSquaresProblem(fit.model, fit.visits, fit.instruments)
-    for block in problem.derivatives(fit.unknowns / fit.layout.sigma):
-        rows = responses[block.instrument].rows(block.rows, len(fit.visits))
-        gram = gram + rows.T @ rows
-        along += rows.T @ block.jacobian.reshape(-1, unknowns)
-        of_residual += rows.T @ block.residual.ravel()
-        square += float(np.sum(block.residual**2))
-    stated, freedom = fit.covariance_as_stated, fit.degrees_of_freedom
-    absorbed = along.T @ along @ stated
-    trace = float(gram.trace()) - float(np.trace(absorbed))
-    norm = float(gram.power(2).sum()) - 2.0 * float(np.sum((gram @ along) * (along @ stated)))
-    norm += float(np.sum(absorbed * absorbed.T))
-    determinant = freedom * norm - trace**2
+    sums, freedom = _Sums.of(fit), fit.degrees_of_freedom
+    determinant = freedom * sums.norm - sums.trace**2
     if not determinant > 0.0:  # one reading a visit: what drives do is scatter
         return fit
-    variance_m2 = (freedom * float(of_residual @ of_residual) - trace * square) / determinant
-    u_of_none = square / freedom * np.sqrt(2.0 * freedom / determinant)
-    if not variance_m2 > LEAST_SIGMAS * u_of_none:
+    variance_m2 = (freedom * sums.of_drives - sums.trace * sums.of_readings) / determinant
+    of_noise_m2 = sums.of_readings / freedom * np.sqrt(2.0 * freedom / determinant)
+    if not variance_m2 > LEAST_SIGMAS * of_noise_m2:
         return fit
-    passed = stated @ along.T
-    scatter = np.sqrt(max(square - variance_m2 * trace, 0.0) / freedom)
-    return replace(
-        fit, positioning=Positioning(float(np.sqrt(variance_m2)), variance_m2 * passed @ passed.T, float(scatter))
-    )
+    passed = fit.covariance_as_stated @ sums.by_unknowns.T
+    scatter = float(np.sqrt(max(sums.of_readings - variance_m2 * sums.trace, 0.0) / freedom))
+    return replace(fit, positioning=Positioning(float(np.sqrt(variance_m2)), variance_m2 * passed @ passed.T, scatter))
+
+
+@dataclass(frozen=True)
+class _Sums:
+    """Of the formulas above: r' r, |E' r|^2, tr E' (1 - H) E and |E' (1 - H) E|^2; by_unknowns (v d, u): E' J, with the
+    derivatives J of the readings."""
+
+    of_readings: float
+    of_drives: float
+    trace: float
+    norm: float
+    by_unknowns: Array
+
+    @classmethod
+    def of(cls, fit: Fit) -> _Sums:
+        visits, unknowns = len(fit.visits), fit.layout.size
+        numbers = visits * len(fit.machine.drive_names)
+        gram, by_unknowns = csr_array((numbers, numbers)), np.zeros((numbers, unknowns))
+        of_residual, square = np.zeros(numbers), 0.0
+        responses = drive_responses(fit)
+        problem = LeastSquaresProblem(fit.model, fit.visits, fit.instruments)
+        for block in problem.derivatives(fit.unknowns / fit.layout.sigma):
+            rows = responses[block.instrument].rows(block.rows, visits)
+            gram = gram + rows.T @ rows
+            by_unknowns += rows.T @ block.jacobian.reshape(-1, unknowns)
+            of_residual += rows.T @ block.residual.ravel()
+            square += float(np.sum(block.residual**2))
+        absorbing = by_unknowns @ fit.covariance_as_stated  # E' H E is this times by_unknowns'
+        absorbed = by_unknowns.T @ absorbing
+        trace = float(gram.trace()) - float(np.trace(absorbed))
+        crossed = float(np.sum((gram @ by_unknowns) * absorbing))
+        norm = float(gram.power(2).sum()) - 2.0 * crossed + float(np.sum(absorbed * absorbed.T))
+        return cls(square, float(of_residual @ of_residual), trace, norm, by_unknowns)
 
 
 def drive_responses(fit: Fit) -> list[DriveResponses]:
@@ -97,13 +113,13 @@ def drive_responses(fit: Fit) -> list[DriveResponses]:
 
 
 def _responses(fit: Fit, readings: Readings, own: Array) -> DriveResponses:
-    visit, steps = readings.visit_indices(), _steps(fit)
+    visit, steps = readings.visit_indices(), STEP_M / fit.machine.arms_m
     out = np.empty((len(readings), readings.width, visit.shape[1], len(steps)))
     for rows, some, needed, local in split_by_visits(readings, VISITS_AT_ONCE):
         visits = fit.visits.take(needed)
         start = fit.predict(visits).equilibrium.coordinates()
-        for drive, step in enumerate(steps):
-            moved = replace(visits, drives=visits.drives + step * (np.arange(len(steps)) == drive))
+        for drive, step in enumerate(np.diag(steps)):
+            moved = replace(visits, drives=visits.drives + step)
             both = visits.concatenate(moved)
             poses = fit.model.predict(fit.unknowns[: len(fit.model)], both, np.concatenate([start, start]))
             as_it_is = some.compare(poses, local, own, derivatives=False).residual
@@ -112,12 +128,3 @@ def _responses(fit: Fit, readings: Readings, own: Array) -> DriveResponses:
                 change = some.compare(poses, of_end, own, derivatives=False).residual - as_it_is
                 out[rows, :, end, drive] = change / STEP_M
     return DriveResponses(out, visit)
-
-
-def _steps(fit: Fit) -> list[float]:
-    """In coordinates of the drives (d,): by so much the joint of each moves STEP_M."""
-    machine = fit.machine
-    return [
-        STEP_M / machine.crank_arm_m(drive) if kind == "crank" else STEP_M
-        for drive, kind in enumerate(machine.drive_kinds)
-    ]

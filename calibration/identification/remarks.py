@@ -18,14 +18,6 @@ def remarks(fit: Fit) -> tuple[str, ...]:
     return (*_convergence(fit), *_scatter(fit), *_positioning(fit), *_far_from_nominal(fit), *_loads(fit))
 
 
-def does_not_repeat(sd_m: float) -> str:
-    """Of a machine whose drives stand off with a standard deviation in m."""
-    return (
-        f"the machine does not repeat better than {1e6 * sd_m:.1f} um: by that standard deviation its drives "
-        "stand off anew at each visit, whatever they report, and no calibration takes that away"
-    )
-
-
 def _convergence(fit: Fit) -> tuple[str, ...]:
     if fit.converged:
         return ()
@@ -52,7 +44,11 @@ def _scatter(fit: Fit) -> tuple[str, ...]:
 def _positioning(fit: Fit) -> tuple[str, ...]:
     if fit.positioning is None:
         return ()
-    return (f"{does_not_repeat(fit.positioning.sd_m)}; the standard uncertainties include it",)
+    return (
+        f"the drives are {1e6 * fit.positioning.sd_m:.1f} um (one standard deviation) off anew at each visit: the "
+        "machine does not repeat better, or an effect that the model leaves out moves them (diagnose); the standard "
+        "uncertainties include it",
+    )
 
 
 def _far_from_nominal(fit: Fit) -> tuple[str, ...]:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Literal
 
@@ -119,6 +120,12 @@ class Machine:
         """Longest arm of a crank: from its axis to a joint that it carries."""
         joints = self.nominal.base_joint_m[self.strut_drive == drive]
         return float(np.max(np.linalg.norm(np.cross(self.nominal.axis[drive], joints), axis=1)))
+
+    @cached_property
+    def arms_m(self) -> Array:
+        """Metres (d,) at each drive's joint for a unit of its coordinate."""
+        kinds = enumerate(self.drive_kinds)
+        return np.array([self.crank_arm_m(drive) if kind == "crank" else 1.0 for drive, kind in kinds])
 
     @property
     def rotary_drives(self) -> tuple[str, ...]:

@@ -66,9 +66,7 @@ def growth_of(reference: Reference, measurement: Measurement) -> Array:
 
 def offset_u(machine: Machine, drive: int) -> float:
     """By how much (m; rad of a crank) a drive that has lost its reference may stand off: OFFSET_U_M at its joint."""
-    if machine.drive_kinds[drive] != "crank":
-        return OFFSET_U_M
-    return OFFSET_U_M / machine.crank_arm_m(drive)
+    return OFFSET_U_M / float(machine.arms_m[drive])
 
 
 def walk_of(reference: Reference, design: CheckDesign, age_s: float, drift: DriftSettings) -> Array:
@@ -104,8 +102,7 @@ def fit_partly(reference: Reference, recording: Recording, growth: Array) -> Fit
             "than was thought; calibrate anew"
         )
     of_session = np.array([name in RANGE_ERRORS for name in fit.layout.names])
-    fit = with_positioning(fit)
-    return replace(fit, unknowns=np.where(of_session, 0.0, fit.unknowns))
+    return replace(with_positioning(fit), unknowns=np.where(of_session, 0.0, fit.unknowns))
 
 
 @dataclass(frozen=True)

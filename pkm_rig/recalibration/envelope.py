@@ -38,7 +38,7 @@ def correction_change_m(
     if uses_tables(rig.file, rig.machine):
         return table_change_m(rig, stored_images(rig, store, former.tables), change)
     before = {event["payload_kg"]: event for event in activated_events(store, former.id).values()}
-    back_end, arms, largest = back_end_of(rig, change), _arms_m(rig.machine), [0.0]
+    back_end, arms, largest = back_end_of(rig, change), rig.machine.arms_m, [0.0]
     for correction in tried.values():
         event = before.get(correction.conditions.payload_kg)
         if event is None or SAMPLES not in event:
@@ -46,12 +46,6 @@ def correction_change_m(
         changes = back_end.changes_since(correction, CorrectionSamples.of_json(event[SAMPLES]))
         largest.append(float(np.max(np.abs(changes) * arms, initial=0.0)))
     return max(largest)
-
-
-def _arms_m(machine: Machine) -> Array:
-    """Metres (d,) at a drive's joint for a unit of its coordinate."""
-    kinds = enumerate(machine.drive_kinds)
-    return np.array([machine.crank_arm_m(drive) if kind == "crank" else 1.0 for drive, kind in kinds])
 
 
 def table_change_m(rig: Rig, former: Mapping[str, bytes], change: TableChange) -> float:

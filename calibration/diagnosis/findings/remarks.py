@@ -12,7 +12,6 @@ from calibration.diagnosis.result import FEW_COORDINATES, NONE, UNKNOWN, GapFigu
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import MIN_RATIO_TO_DECLARED
-from calibration.identification.remarks import does_not_repeat
 from calibration.recording.header import DisturbanceLevels
 
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
@@ -100,6 +99,14 @@ def _more_scatter(times: float) -> tuple[str, ...]:
 
 def _does_not_repeat(sd_m: float) -> tuple[str, ...]:
     return (does_not_repeat(sd_m),) if sd_m > 0.0 else ()
+
+
+def does_not_repeat(sd_m: float) -> str:
+    """Of a machine whose drives stand off with a standard deviation in m."""
+    return (
+        f"the machine does not repeat better than {1e6 * sd_m:.1f} um: by that standard deviation its drives "
+        "stand off anew at each visit, whatever they report, and no calibration takes that away"
+    )
 
 
 def _kept_for_its_form(told: ToldByForm | None) -> tuple[str, ...]:

@@ -69,7 +69,6 @@ def test_the_truth_lies_within_it(of_stewart):
 
 
 def test_it_is_found_as_large_as_it_is(of_stewart):
-    """50 visits of six drives, most of which noise hides little of: a standard deviation to some 6 % each."""
     sd_m = np.array([fit.positioning_sd_m for fit, _ in of_stewart])
     assert np.all(np.abs(sd_m / SD_M - 1.0) < 0.25)
     assert abs(sd_m.mean() / SD_M - 1.0) < 0.1
@@ -93,7 +92,7 @@ def test_a_machine_that_repeats_has_none(name):
 def test_responses_are_what_readings_do_where_drives_move(wanted):
     fit = fit_of(wanted)
     off_m = 1e-7 * np.random.default_rng(1).standard_normal(fit.visits.drives.shape)
-    arm_m = [fit.machine.crank_arm_m(a) if kind == "crank" else 1.0 for a, kind in enumerate(fit.machine.drive_kinds)]
+    arm_m = [fit.machine.crank_arm_m(a) if fit.machine.rotary_drives else 1.0 for a in range(len(off_m.T))]
     z = fit.unknowns / fit.layout.sigma
     moved = replace(fit.visits, drives=fit.visits.drives + off_m / arm_m)
     for shift, after, before in zip(
@@ -143,7 +142,7 @@ def test_a_remark_and_the_json_say_how_far(of_stewart):
     identification = identified("stewart6", SD_M, 0)
     summary = identified_summary(identification)
     assert summary["positioning_sd_m"] == identification.fit.positioning_sd_m > 0.0
-    (sentence,) = [r for r in summary["remarks"] if "does not repeat better than" in r]
+    (sentence,) = [r for r in summary["remarks"] if "off anew at each visit" in r]
     assert sentence.endswith("the standard uncertainties include it")
     assert not any("the readings scatter" in r for r in summary["remarks"])
     bare = replace(identification.fit, positioning=None)

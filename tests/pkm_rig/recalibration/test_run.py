@@ -33,6 +33,7 @@ from pkm_rig.rig.table_recovery import settle_tables
 from pkm_rig.store.life import life_rows
 from pkm_rig.store.place import store_path
 from pkm_rig.store.store import Store
+from tests.calibration.diagnosis.campaigns import standing_off
 from tests.pkm_rig.conftest import silent
 from tests.pkm_rig.recalibration.rigs import ALWAYS, CALIBRATED_S, RIG, connected, keep_store, served, write_rig
 
@@ -311,6 +312,15 @@ def test_only_what_may_have_changed_is_let_loose(tmp_path):
     assert all(name.startswith("expansion.") for name in names[np.diag(warmth) > 0.0])
     with pytest.raises(InputError, match="its offset is no change of this machine"):
         growth_of(reference, Measurement("drive offset", ("third",), 10, ""))
+
+
+def test_its_uncertainty_knows_of_drives_that_stand_off_anew(partly):
+    """Of 20 um beside readings of some 10 um; the machine that was measured repeats itself."""
+    reference, recording, growth = partly[-1]["fitted"]
+    as_measured = fit_partly(reference, recording, growth)
+    anew = fit_partly(reference, standing_off(recording, 2e-5, 1), growth)
+    assert as_measured.positioning_sd_m < 5e-6
+    assert anew.positioning_sd_m == pytest.approx(2e-5, rel=0.4)
 
 
 def test_few_readings_that_do_not_settle_are_refused(partly, monkeypatch):

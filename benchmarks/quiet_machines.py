@@ -5,7 +5,8 @@
 Campaigns of a night or of four days on the mock plant, its drift or its warmth strong; and N machines of every shipped
 kind that state too little: geometry within 2.5 times the tolerances of the machine file, readings that scatter 1.5 or 2
 times as much as the station's accuracy says, and both; machines that do not repeat, their drives standing off anew at
-each visit by 5 or 10 um (urad of a crank); and measurement folders of four machines that do either. Prints of each
+each visit by 5 or 10 um (urad of a crank); measurement folders of four machines that do either; and the mock plant
+read by sensors of temperature that scatter, round, or read 85 degC at two visits. Prints of each
 condition how many were called an effect, and how many `unknown`; exit status 1 if any was. Progress goes to standard
 error. Lines are kept in --out: stopped, the same command goes on after the last.
 """
@@ -31,7 +32,7 @@ from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 from mock_devices.recordings.design import DesignOptions
 from mock_devices.settings import DisturbanceLevels
-from tests.calibration.diagnosis.campaigns import plant, recorded, simulated
+from tests.calibration.diagnosis.campaigns import plant, recorded, sensed, simulated
 from tests.calibration.diagnosis.measured import Wanted, made
 from tests.kept_results import KeptResults, key_of, until_stopped
 
@@ -75,6 +76,9 @@ def conditions() -> dict[str, list[Make]]:
     def do_not_repeat(sd_m: float) -> list[Make]:
         return [partial(_of_kind, name, anew_m=sd_m) for name in shipped_machines()]
 
+    def sensors(**bad: float) -> list[Make]:
+        return [lambda seed: sensed(recorded(plant(VISITS, seed=seed)), seed, **bad)]
+
     def folders(noise: float = 1.0, anew_m: float = 0.0) -> list[Make]:
         return [partial(_folder, wanted, noise=noise, anew_m=anew_m) for wanted in FOLDERS]
 
@@ -95,6 +99,10 @@ def conditions() -> dict[str, list[Make]]:
         "drives off by 10 um at each visit": do_not_repeat(1e-5),
         "folders, drives off by 5 um": folders(anew_m=5e-6),
         "folders, drives off by 10 um": folders(anew_m=1e-5),
+        "sensors scatter by 0.1 K": sensors(scatter_k=0.1),
+        "sensors scatter by 0.3 K": sensors(scatter_k=0.3),
+        "sensors round to 0.5 K": sensors(step_k=0.5),
+        "a sensor reads 85 degC twice": sensors(elsewhere=2),
     }
 
 

@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
+import os
 import shutil
 import sys
 from collections.abc import Sequence
@@ -63,8 +64,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         first = [_diagnosed(options, f"A-joint{joint}") for joint in JOINTS]
         stated = {row.name: _stated(row) for row in first}
         text = json.dumps(stated, indent=1, sort_keys=True) + "\n"
-        (options.out / "stated.json").write_text(text, encoding="utf-8")
-        print(f"stated before B is opened: {hashlib.sha256(text.encode()).hexdigest()[:16]}, {options.out}/stated.json")
+        (stated_at := options.out / "stated.json").write_text(text, encoding="utf-8")
+        digest = hashlib.sha256(text.encode()).hexdigest()[:16]
+        print(f"stated before B is opened: {digest}, {os.path.relpath(stated_at)}")
         for row in first:
             low, high = row.diagnosis.gap.shrink_interval
             print(f"  {row.name}: shrink of B's gap {row.diagnosis.gap.shrink:.3f} [{low:.3f}, {high:.3f}]")

@@ -5,6 +5,7 @@ __all__ = [
     "csv_table",
     "errors",
     "frame",
+    "local_level",
     "outliers",
     "plain_file",
     "rotation",

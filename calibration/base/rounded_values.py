@@ -13,18 +13,18 @@ NORMAL = 1.4826  # standard deviation over the median of absolute values
 UNSMOOTHED = 1.25  # over what smoothing takes off: a cubic over seven samples takes off two thirds of a variance
 
 
-def rounding_step(x: Array) -> float:
+def rounding_step(x: Array, least_steps: int = LEAST_STEPS) -> float:
     """Step to which values (n,) are rounded: that of their grid, at least the distance of floating-point numbers.
 
-    A grid is told by neighbouring values that are one step apart, and by values that return; one so fine that few do is
-    not seen.
+    A grid is told by neighbouring values that are one step apart, and by values that return, at least so many of each;
+    one so fine that few do is not seen.
     """
     floating = float(np.spacing(np.max(np.abs(x))))
     values = np.unique(x)
     differences = np.diff(values)
     differences = differences[differences > 4.0 * floating]  # the same value, after another calculation
     single = differences[differences < ALIKE * differences.min(initial=np.inf)]
-    if min(len(single), len(x) - len(values)) < LEAST_STEPS:
+    if min(len(single), len(x) - len(values)) < least_steps:
         return floating
     step = float(single.mean())
     count, at = np.cumsum(np.round(differences / step)), np.cumsum(differences)

@@ -5,13 +5,17 @@ Levels are those of docs/reference/definitions.md; a disturbance that is not dec
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.channels import Channels
 from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.effects.basis_functions import fourier_basis, principal_columns, random_walk_basis
+from calibration.machine.description import PARTS
 from calibration.recording.header import DRIFT_LEVER_M, HOUR_S, AccuracyEntry, DisturbanceLevels
+from calibration.reduction.part_temperatures import PartSensor
 
 STRUT_WEIGHT_SHARE = 0.05  # of the moving mass: standard deviation of a strut's own weight at its platform joint
 # What of a disturbance is finer than its columns looks like something else, so a long campaign has more of them.
@@ -19,22 +23,29 @@ WALK_TERMS_PER_HOUR, LEAST_WALK_TERMS, MOST_WALK_TERMS = 10.0, 24, 96
 LEAST_PAUSE_H, MOST_PAUSES = 1.0, 24  # between two readings, over which a walk is one step: the longest ones
 SHORTEST_WAVE_S = 1500.0
 WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_COLUMNS = 0.9, 8, 80  # spacing of frequencies in periods over the campaign
+LEAST_U_K = 0.02  # of a part's temperature by its sensor: with less, what parts differ in by themselves is more
 MOST_PAIRS = 200  # of which the most varying columns are taken: enough for three days
 
 
 def disturbance_columns(
-    observed: ObservedModel, whiten: Array, levels: DisturbanceLevels, accuracy: AccuracyEntry, nest_limit_m: float
+    observed: ObservedModel,
+    whiten: Array,
+    levels: DisturbanceLevels,
+    accuracy: AccuracyEntry,
+    nest_limit_m: float,
+    sensors: Mapping[str, PartSensor],
 ) -> tuple[Array, tuple[str, ...]]:
     """Columns (n, 3, k), whitened by (n, 3, 3), each times its standard deviation, and their names."""
     named = _Columns(observed, whiten)
     _add_weights(named)
     _add_station(named, levels, accuracy, nest_limit_m)
     _add_machine(named, levels)
+    _add_sensors(named, sensors)
     return named.stacked()
 
 
 def machine_disturbance_columns(
-    observed: ObservedModel, whiten: Array, levels: DisturbanceLevels
+    observed: ObservedModel, whiten: Array, levels: DisturbanceLevels, sensors: Mapping[str, PartSensor]
 ) -> tuple[Array, tuple[str, ...]]:
     """The same without those of a station: columns (n, w, k), whitened by (n, w, 3).
 
@@ -45,6 +56,7 @@ def machine_disturbance_columns(
     depends_on = {"temperature_k": "t_s", "reversal_m": "direction"}
     none = {level: 0.0 for level, field in depends_on.items() if field in observed.context.not_said}
     _add_machine(named, levels.model_copy(update=none))
+    _add_sensors(named, sensors)
     return named.stacked()
 
 
@@ -129,6 +141,16 @@ def _add_machine(named: _Columns, levels: DisturbanceLevels) -> None:
         for a, drive in enumerate(machine.drive_names):
             grown = machine.expansion_per_k["drives"] * context.drives[:, a : a + 1]
             named.add(f"travel.{drive}", waves * grown, "temperature")
+
+
+def _add_sensors(named: _Columns, sensors: Mapping[str, PartSensor]) -> None:
+    """What sensors that scatter or round leave uncertain of whole parts, in waves like those of temperature."""
+    machine = named.observed.machine
+    for part in PARTS:
+        sensor = sensors.get(machine.sensors[part])
+        if sensor is not None and sensor.u_k > LEAST_U_K:
+            waves = temperature_waves(named.observed.context.elapsed_s) * sensor.u_k
+            named.add(f"growth.{part}", waves * machine.expansion_per_k[part], "sensor")
 
 
 def drift_walk(elapsed_s: Array) -> Array:

@@ -18,6 +18,7 @@ from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions
 from calibration.instruments.station_geometry import whitening
 from calibration.recording.recording import Recording
+from calibration.reduction.part_temperatures import PartSensor
 
 # Steps with disturbances, how far in tolerances an unknown moves at least for one more, and how much closer to their
 # nominal values all together have to come.
@@ -44,6 +45,7 @@ def linearise_with_disturbances(
     setups: Setups,
     visit: NDArray[np.intp],
     smr: NDArray[np.intp],
+    sensors: Mapping[str, PartSensor],
     held: Mapping[str, float] | None,
 ) -> tuple[LinearisationPoint, AllColumns]:
     """The point and all columns there; visit, smr (n,): of each reading used, held: as `linearise` has them.
@@ -54,14 +56,14 @@ def linearise_with_disturbances(
     readings, campaign = SmrPositions(observations, unknowns.station), used.file.campaign
     context, machine = context_of_recording(used), slice(unknowns.of_model)
     point = linearise(unknowns, readings, campaign, held)
-    every = _all_columns(point, used, context, unknowns, setups, visit, smr)
+    every = _all_columns(point, used, context, unknowns, setups, visit, smr, sensors)
     for _ in range(MOST_STEPS):
         values = most_likely(unknowns, every.columns, every.residual, held)
         before, after = (each[machine] / unknowns.sigma[machine] for each in (point.values, values))
         if np.max(np.abs(after - before)) < NEAR_SIGMA or np.linalg.norm(after) > CLOSER * np.linalg.norm(before):
             break
         point = linearise_at(unknowns, readings, campaign, values, point.poses.equilibrium.coordinates())
-        every = _all_columns(point, used, context, unknowns, setups, visit, smr)
+        every = _all_columns(point, used, context, unknowns, setups, visit, smr, sensors)
     return point, every
 
 
@@ -73,6 +75,7 @@ def _all_columns(
     setups: Setups,
     visit: NDArray[np.intp],
     smr: NDArray[np.intp],
+    sensors: Mapping[str, PartSensor],
 ) -> AllColumns:
     setup, nuisance = setups.rows(used["station"]), used.file.nuisance
     observed = ObservedModel(
@@ -92,7 +95,7 @@ def _all_columns(
     by_unknowns, residual = columns_of_all_readings(observed, whiten, unknowns, point, setup)
     by_nests, nest_names = nest_columns(observed, whiten)
     by_disturbances, disturbance_names = disturbance_columns(
-        observed, whiten, nuisance, used.file.station.accuracy, used.file.nest_limit_m
+        observed, whiten, nuisance, used.file.station.accuracy, used.file.nest_limit_m, sensors
     )
     return AllColumns(
         observed,

@@ -40,6 +40,7 @@ from calibration.model.visits import Visits
 from calibration.recording.header import DeclaredLevels, DisturbanceLevels
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.reduction.data_checks import require_enough_poses
+from calibration.reduction.part_temperatures import most_likely_temperatures_of_folder
 
 MOST_AT_VISITS = 600  # drives at visits, where there are distances: of more, what each is off by would take too long
 
@@ -252,6 +253,7 @@ def linearise_measurements(measured: MeasuredMachine) -> LinearFolder:
 
     Raises InputError if the readings do not allow it.
     """
+    measured, sensors = most_likely_temperatures_of_folder(measured)
     measured, left_out = without_wrong_readings(measured)
     readings = measured.readings()
     require_enough_poses(measured.machine, measured.visits.drives)
@@ -273,7 +275,7 @@ def linearise_measurements(measured: MeasuredMachine) -> LinearFolder:
     by_unknowns, names, sigma = rows.of_numbers(fit.columns), fit.layout.names, fit.layout.sigma
     fitted = np.flatnonzero(fit.fitted)
     levels = DeclaredLevels()
-    by_disturbances, disturbance_names = machine_disturbance_columns(observed, rows.whiten, levels)
+    by_disturbances, disturbance_names = machine_disturbance_columns(observed, rows.whiten, levels, sensors)
     columns = np.concatenate([by_unknowns[:, :, fitted] * sigma[fitted], rows.joined(by_disturbances)], axis=2)
     return LinearFolder(
         **{f.name: getattr(observed, f.name) for f in fields(ObservedModel)},
@@ -291,4 +293,5 @@ def linearise_measurements(measured: MeasuredMachine) -> LinearFolder:
         left_out=left_out,
         declared=levels,
         left_unknowns=tuple(fit.layout.unknowns[i] for i in np.flatnonzero(~fit.fitted)),
+        sensors=sensors,
     )

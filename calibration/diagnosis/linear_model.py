@@ -38,6 +38,7 @@ from calibration.recording.recording import Recording
 from calibration.reduction.data_checks import require_enough_poses
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
 from calibration.reduction.left_out import GIANT, LeftOutReading
+from calibration.reduction.part_temperatures import most_likely_temperatures
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
 GATINGS, LEAST_VISITS = 8, 20
@@ -285,11 +286,12 @@ def _linearise_rows(
 ) -> tuple[LinearModel, JudgedReadings | None]:
     """The linear model of some rows (n,) without wrong ones (k,), and which of its own are wrong; None: not judged."""
     setups = setups_of(recording.take(np.delete(np.arange(len(recording)), wrong)))
-    used = in_first_frame(recording.take(rows), setups)
+    of_parts, sensors = most_likely_temperatures(recording)
+    used = in_first_frame(of_parts.take(rows), setups)
     observations, visit, smr = _observations(used, setups)
     _require_enough_visits(used.machine, observations.visits)
     unknowns = Unknowns.of(used, observations, setups)
-    point, at_point = linearise_with_disturbances(used, unknowns, observations, setups, visit, smr, held)
+    point, at_point = linearise_with_disturbances(used, unknowns, observations, setups, visit, smr, sensors, held)
     observed, whiten = at_point.observed, at_point.whiten
     residual, columns = at_point.residual, at_point.columns
     judged = judge_readings(observed, whiten, residual, columns) if judge else None
@@ -310,6 +312,7 @@ def _linearise_rows(
         q=q,
         of_calibration=at_point.of_calibration,
         weight=np.ones(len(residual)),
+        sensors=sensors,
     )
     weight = weights_by_model(residual, q)
     return linear if weight is None else linear.reweighted(weight), judged

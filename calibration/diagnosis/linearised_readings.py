@@ -21,6 +21,7 @@ from calibration.diagnosis.observed_model import ObservedModel, whitened_shift
 from calibration.model.payload import PayloadEntry
 from calibration.recording.header import AccuracyEntry, DisturbanceLevels
 from calibration.reduction.left_out import LeftOutReading
+from calibration.reduction.part_temperatures import PartSensor
 
 NEGLIGIBLE_INFORMATION = 1.0e-2  # information of a direction over its prior's, below which the prior alone counts
 
@@ -78,7 +79,8 @@ class LinearisedReadings(ObservedModel, ABC):
     the readings. of_calibration: number of columns before those of the disturbances. left_alone: whitened responses
     (n, w) to one unit of unknowns that the calibration does not fit, by their names; channels 'unknown.NAME'.
     left_out: readings that are none of these, because they do not fit them; far_off (m,): standard deviations by which
-    some are off the others and stay, because they are too many to be wrong.
+    some are off the others and stay, because they are too many to be wrong. sensors: of part temperatures, what is
+    known of them.
     """
 
     whiten: Array
@@ -91,6 +93,7 @@ class LinearisedReadings(ObservedModel, ABC):
     left_alone: Mapping[str, Array] = field(default_factory=dict, kw_only=True)
     left_out: tuple[LeftOutReading, ...] = field(default=(), kw_only=True)
     far_off: Array = field(default_factory=lambda: np.zeros(0), kw_only=True)
+    sensors: Mapping[str, PartSensor] = field(default_factory=dict, kw_only=True)
 
     @property
     @abstractmethod

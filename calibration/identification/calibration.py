@@ -31,6 +31,7 @@ from calibration.reduction.common_points import NestEstimate, common_nests
 from calibration.reduction.data_checks import require_spread_poses
 from calibration.reduction.figures import figure_axes
 from calibration.reduction.left_out import MODEL, LeftOutReading
+from calibration.reduction.part_temperatures import remarks_on_sensors
 from calibration.reduction.reduction import CALIBRATION, Reduction, last_calibration_check, reduce
 from calibration.reduction.report_frame import ReportFrame
 from calibration.reduction.setups import known_from_nests
@@ -181,7 +182,7 @@ def identified_summary(identified: Calibration) -> dict[str, Any]:
         "chi2_per_dof": fit.chi2_per_dof,
         "positioning_sd_m": fit.positioning_sd_m,
         "aliased": list(observed.sentences),
-        "remarks": list(remarks(fit)),
+        "remarks": [*remarks_on_sensors(identified.reduction.sensors), *remarks(fit)],
         "range_constant_m": identified.reduction.range_constant_m,
         "u_range_constant_m": identified.reduction.range_constant_u_m,
         "dropped": identified.reduction.dropped,

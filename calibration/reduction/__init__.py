@@ -11,6 +11,7 @@ __all__ = [
     "nest_checks",
     "nest_distances",
     "nest_gate",
+    "part_temperatures",
     "pose_filter",
     "range_constant",
     "recording_setups",

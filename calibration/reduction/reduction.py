@@ -26,6 +26,7 @@ from calibration.reduction.grouped_readings import group_by_visit, replaced_read
 from calibration.reduction.left_out import MODEL, NEST, VISIT, LeftOutReading
 from calibration.reduction.nest_checks import drop_unused_setups, usable_readings
 from calibration.reduction.nest_gate import gate_nests
+from calibration.reduction.part_temperatures import PartSensor, most_likely_temperatures
 from calibration.reduction.pose_filter import FilteredPoses, filter_poses
 from calibration.reduction.range_constant import range_constant_of
 from calibration.reduction.recording_setups import tie_recording
@@ -58,8 +59,8 @@ class Reduction:
 
     observations: accepted readings of all visits (nests left out), in the frame of the first set-up; offered: with
     those that the pose filter refused, uid (r,) their names. nests: of each set-up, in its own frame. dropped: counts
-    of readings left out, by cause; left_out: the wrong ones. range_constant_m, range_constant_u_m: subtracted from the
-    ranges, with its standard uncertainty.
+    of readings left out, by cause; left_out: the wrong ones. sensors: of part temperatures, what is known of them.
+    range_constant_m, range_constant_u_m: subtracted from the ranges, with its standard uncertainty.
     """
 
     recording: Recording
@@ -75,6 +76,7 @@ class Reduction:
     uid: NDArray[np.str_]
     dropped: dict[str, int]
     left_out: tuple[LeftOutReading, ...]
+    sensors: Mapping[str, PartSensor]
 
     def rows(self, phase: str, payload: int | None = None) -> NDArray[np.bool_]:
         """Visits of a phase (and payload) that have a measured pose."""
@@ -123,7 +125,7 @@ def reduce(
     flagged = usable & (recording["flags"] > 0.0)
     dropped["flagged by the station"] = int(np.count_nonzero(flagged))
     usable &= ~flagged
-    recording = recording.take(usable)
+    recording, sensors = most_likely_temperatures(recording.take(usable))
     constant, constant_u = (
         range_constant_of(recording) if basis is None else (basis.range_constant_m, basis.range_constant_u_m)
     )
@@ -158,6 +160,7 @@ def reduce(
         uid=np.asarray(recording["uid"])[of_poses].astype(str),
         dropped=dropped,
         left_out=(*wrong, *wrong_nests, *refused),
+        sensors=sensors,
     )
 
 

@@ -35,6 +35,7 @@ from calibration.recording.measurement_folder import (
     write_measurements,
 )
 from calibration.reduction.data_checks import require_enough_poses
+from calibration.reduction.part_temperatures import most_likely_temperatures_of_folder, remarks_on_sensors
 from pkm_rig.report.notation import plain_number
 from pkm_rig.results.unknowns import kind_in_words
 
@@ -83,6 +84,7 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
             f"{measured.file.name}: {numbers} readings leave no degrees of freedom for {former.parameters} parameters; "
             "measure more poses"
         )
+    measured, sensors = most_likely_temperatures_of_folder(measured)
     measured, left_out = without_wrong_readings(measured)
     readings = measured.readings()
     numbers = sum(len(r) * r.width for r in readings)
@@ -121,7 +123,7 @@ def identify_measurements(measured: MeasuredMachine, estimator: str) -> dict[str
         }
         out["explanations"] = [_explanation(e) for e in candidates]
         out["alike"] = [[e.kind for e in group] for group in groups if len(group) > 1]
-    out["remarks"] = _remarks(out, numbers)
+    out["remarks"] = [*remarks_on_sensors(sensors), *_remarks(out, numbers)]
     return out
 
 

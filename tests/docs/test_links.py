@@ -10,6 +10,9 @@ import pytest
 from tests.docs.pages import PAGES, ROOT, TOP_FOLDERS, anchors, links, paths_in_code
 
 SOURCES = ("*.py", "*.toml", "*.c", "*.cjs", "*.eds", "*.html")
+OWN_PLACE = re.compile(
+    r"(?<![\w.:/])/(?:home|root|work|workspace|Users)/\S*"
+)  # of the machine on which a page was written
 DOCUMENT = re.compile(r"\bdocs/[\w./-]+\.(?:md|json|png)")
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=str)
@@ -31,6 +34,11 @@ def test_every_relative_link_leads_to_a_file_and_a_heading(page):
 def test_every_path_in_code_exists(page):
     missing = [path for path in paths_in_code(page) if not any(ROOT.glob(path))]
     assert not missing, f"{page}: {missing}"
+
+
+@every_page
+def test_no_page_knows_where_it_was_written(page):
+    assert OWN_PLACE.findall((ROOT / page).read_text(encoding="utf-8")) == []
 
 
 def test_every_page_is_reached_from_the_index():

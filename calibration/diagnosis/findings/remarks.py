@@ -13,6 +13,7 @@ from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import MIN_RATIO_TO_DECLARED
 from calibration.recording.header import DisturbanceLevels
+from calibration.reduction.part_temperatures import remarks_on_sensors
 
 INEXACT = 10.0  # excess log evidence from which on a remark says that the effect's model is not exact
 MOST_LISTED = 4  # names in a remark
@@ -29,13 +30,15 @@ def remarks(
     noise_floor_m: float | None,
     gap: GapFigures,
 ) -> tuple[str, ...]:
-    """Effects with which the readings are predicted worse, readings that are far off and were kept, disturbances and
+    """Effects with which the readings are predicted worse, readings that are far off and were kept, sensors of
+    temperature that scatter or were off, disturbances and
     errors of geometry larger than stated, a machine that does not repeat, effects that are no larger than these may be,
     what limits the verdict, and what was not tried."""
     here, search_result = linear.levels, found.result
     return (
         *_predicts_worse(search_result, verdict, gap),
         *_far_off(linear),
+        *remarks_on_sensors(linear.sensors),
         *_stronger_disturbances(stated, here),
         *_beyond_tolerances(found.times_tolerances),
         *_more_scatter(found.times_scatter),

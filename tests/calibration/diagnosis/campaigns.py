@@ -241,6 +241,23 @@ def standing_off(recording: Recording, sd_m: float, seed: int) -> Recording:
     return changed(recording, **columns)
 
 
+def sensed(
+    recording: Recording, seed: int, *, scatter_k: float = 0.0, step_k: float = 0.0, elsewhere: int = 0
+) -> Recording:
+    """The recording with sensors of part temperatures that scatter, that round to steps, of which one read 85 degC at
+    some visits as a common one does after each start."""
+    rng, visit = np.random.default_rng(seed), recording["visit"].astype(np.intp)
+    columns: dict[str, np.ndarray] = {}
+    for name in recording.file.sensors:
+        value_c = recording[f"{name}_temperature_c"] + scatter_k * rng.standard_normal(int(visit.max()) + 1)[visit]
+        columns[f"{name}_temperature_c"] = step_k * np.round(value_c / step_k) if step_k else value_c
+    if elsewhere:
+        one = str(rng.choice(recording.file.sensors))
+        wrong = rng.choice(int(visit.max()), elsewhere, replace=False)
+        columns[f"{one}_temperature_c"] = np.where(np.isin(visit, wrong), 85.0, columns[f"{one}_temperature_c"])
+    return changed(recording, **columns)
+
+
 def moved(recording: Recording, rows: np.ndarray, by_m: float) -> Recording:
     """The recording with readings along the station's first axis off."""
     position = recording.positions_m.copy()

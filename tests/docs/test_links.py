@@ -10,9 +10,7 @@ import pytest
 from tests.docs.pages import PAGES, ROOT, TOP_FOLDERS, anchors, links, paths_in_code
 
 SOURCES = ("*.py", "*.toml", "*.c", "*.cjs", "*.eds", "*.html")
-OWN_PLACE = re.compile(
-    r"(?<![\w.:/])/(?:home|root|work|workspace|Users)/\S*"
-)  # of the machine on which a page was written
+OWN_PLACE = re.compile(r"(?<![\w.:/])/(?:home|root|work|workspace|Users)/\S*")  # of whoever wrote a page
 DOCUMENT = re.compile(r"\bdocs/[\w./-]+\.(?:md|json|png)")
 
 every_page = pytest.mark.parametrize("page", PAGES, ids=str)

@@ -53,7 +53,7 @@ def test_a_form_is_called_inexact_where_more_than_ten_of_log_evidence_remains(ex
     ],
 )
 def test_an_effect_with_which_readings_are_predicted_worse_is_said_to_do_so(verdict, gap, said):
-    linear = SimpleNamespace(levels=DisturbanceLevels(), far_off=np.zeros(0))
+    linear = SimpleNamespace(levels=DisturbanceLevels(), far_off=np.zeros(0), sensors={})
     result = found_beside(0.0)
     result.ranking, result.not_begun_with = (), ()
     all_remarks = remarks(linear, DisturbanceLevels(), LevelsAndCauses(None, result, 0.0), verdict, 5e-6, gap)
@@ -137,7 +137,7 @@ def test_unknown_without_a_cause_says_which_effect_comes_nearest_and_what_it_lac
 
 def test_an_effect_that_is_kept_for_its_form_alone_is_named():
     told = ToldByForm(("tracker_drift", "backlash"), 37.4)
-    linear = SimpleNamespace(levels=DisturbanceLevels(), far_off=np.zeros(0))
+    linear = SimpleNamespace(levels=DisturbanceLevels(), far_off=np.zeros(0), sensors={})
     result = found(Evidence("latency", 300.0, ""))
     result.ranking = result.causes = ()
     result.non_parametric, result.not_begun_with = (), ()

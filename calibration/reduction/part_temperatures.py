@@ -20,11 +20,11 @@ from calibration.base.rounded_values import NORMAL, rounding_step
 from calibration.recording.measurement_folder import MeasuredMachine
 from calibration.recording.recording import Recording
 
-LEAST_VISITS = 8  # with fewer nothing tells a sensor's scatter from a part's warming
+LEAST_VISITS = 4  # with fewer nothing tells which of the values are wrong
 LEAST_STEPS, LARGEST_STEP_K = 1, 1.0  # of a grid to which a sensor rounds: a campaign may see few steps of it
 NEIGHBOURS = 9  # visits before and after, by whose medians a value is judged: half of them may be wrong as well
 FAR_K, FAR_SIGMAS = 1.0, 8.0  # beyond both a sensor reads something else than its part's temperature
-MOST_FAR = 0.1  # of a campaign's visits: more are no exceptions
+MOST_FAR = 0.1  # of a campaign's visits, or one: more are no exceptions
 WORTH_SAYING_K = 0.05
 MOST_NAMED = 5  # visits in a remark
 
@@ -100,7 +100,7 @@ def _most_likely(t_s: Array, mean_c: Array, values_c: Array, number: NDArray[np.
     """Temperatures (v,) at the times of visits (v,), from the means of what was read there; number (v,): of visits."""
     off_k = _off_neighbours_k(mean_c)
     far = np.abs(off_k) > max(FAR_K, FAR_SIGMAS * NORMAL * float(np.median(np.abs(off_k))))
-    if np.mean(far) > MOST_FAR:
+    if far.sum() > max(1.0, MOST_FAR * len(far)):
         far[:] = False
     step_k = rounding_step(values_c, LEAST_STEPS)
     rounding_k = step_k / np.sqrt(12.0) if step_k <= LARGEST_STEP_K else 0.0
@@ -113,10 +113,12 @@ def _most_likely(t_s: Array, mean_c: Array, values_c: Array, number: NDArray[np.
 
 
 def _off_neighbours_k(mean_c: Array) -> Array:
-    """How far values (v,) are off the medians of those before and of those after, whichever is nearer."""
-    reach = min(NEIGHBOURS, len(mean_c) // 2)
-    medians = np.median(sliding_window_view(mean_c, reach), axis=1)  # of those that begin at each
+    """How far values (v,) are off the medians of those before and of those after, whichever is nearer; of a check's few
+    visits off the median of all, since a part warms little during one."""
+    if len(mean_c) <= 2 * NEIGHBOURS:
+        return mean_c - float(np.median(mean_c))
+    medians = np.median(sliding_window_view(mean_c, NEIGHBOURS), axis=1)  # of those that begin at each
     off = np.full((2, len(mean_c)), np.inf)
-    off[0, reach:] = mean_c[reach:] - medians[:-1]
-    off[1, :-reach] = mean_c[:-reach] - medians[1:]
+    off[0, NEIGHBOURS:] = mean_c[NEIGHBOURS:] - medians[:-1]
+    off[1, :-NEIGHBOURS] = mean_c[:-NEIGHBOURS] - medians[1:]
     return np.where(np.abs(off[0]) < np.abs(off[1]), off[0], off[1])

@@ -27,6 +27,7 @@ from calibration.recording.recording import Recording
 from calibration.reduction.grouped_readings import group_by_visit, replaced_readings
 from calibration.reduction.nest_checks import drop_unused_setups, usable_readings
 from calibration.reduction.nest_gate import gate_nests
+from calibration.reduction.part_temperatures import most_likely_temperatures
 from calibration.reduction.pose_filter import filter_poses
 from calibration.reduction.range_constant import range_constant_of
 from calibration.reduction.report_frame import ReportFrame
@@ -156,7 +157,7 @@ def _design(
 
 
 def observe(recording: Recording, reference: Reference, phase: str, *, drives_matter: bool = True) -> CheckObservations:
-    """Observations of a check: nest checks that failed and wrong readings left out, drift removed, tables added.
+    """Observations of a check: nest checks that failed and what is wrong left out, drift removed, tables added.
 
     Drives report in command coordinates: where they truly stood is that plus the correction of the table in use, which
     the recording's header has. InputError without it, unless drives do not matter: where poses are measured only.
@@ -165,7 +166,7 @@ def observe(recording: Recording, reference: Reference, phase: str, *, drives_ma
         recording = true_drives(recording)
     recording, _ = gate_nests(drop_unused_setups(recording))
     usable = usable_readings(recording) & ~replaced_readings(recording) & (recording["flags"] == 0.0)
-    recording = recording.take(usable)
+    recording, _ = most_likely_temperatures(recording.take(usable))
     constant, _ = range_constant_of(recording)
     drift_free = remove_drift(recording, constant)
     rows = np.flatnonzero(np.asarray(recording["phase"]) == phase)

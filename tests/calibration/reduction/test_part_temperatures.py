@@ -120,10 +120,21 @@ def test_order_of_rows_does_not_matter(recording):
 
 def test_a_handful_of_visits_says_nothing_of_sensors(recording):
     few = sensed(recording, 7, scatter_k=0.3).rows("calibration")
-    few = few.take(few["visit"] < 6)
+    few = few.take(few["visit"] < 3)
     found, sensors = most_likely_temperatures(few)
     assert sensors == {}
     assert np.array_equal(found["base_temperature_c"], few["base_temperature_c"])
+
+
+def test_of_few_visits_one_is_told(recording):
+    few = recording.rows("calibration")
+    few = few.take(few["visit"] < 6)
+    value_c = np.where(few["visit"] == 2, 85.0, few["base_temperature_c"])
+    found, sensors = most_likely_temperatures(changed(few, base_temperature_c=value_c))
+    assert sensors["base"].elsewhere.tolist() == [2]
+    np.testing.assert_allclose(found["base_temperature_c"], few["base_temperature_c"], atol=0.02)
+    two = np.where(few["visit"] >= 4, 85.0, few["base_temperature_c"])  # of six: nothing tells which are wrong
+    assert most_likely_temperatures(changed(few, base_temperature_c=two))[1]["base"].elsewhere.size == 0
 
 
 def test_a_folder_by_its_times_alone():

@@ -106,6 +106,21 @@ def test_a_change_is_found_at_its_size(checked):
     assert found[1].error.position_m > 5e-6
 
 
+def test_a_temperature_that_no_part_has_is_no_change(checked):
+    result, store, *_ = checked
+    file, machine = rig_file()
+    reference = load_reference(store, RIG, result.fact.calibration, machine, file.payloads)
+    recording = store.recording(result.fact.id)
+    visit = recording["visit"]
+    wrong = visit == np.unique(visit[np.asarray(recording["phase"]) == PHASE])[1]
+    columns = {**recording.columns, "struts_temperature_c": np.where(wrong, 85.0, recording["struts_temperature_c"])}
+    found = []
+    for one in (recording, replace(recording, columns=columns)):
+        design, residual = design_and_residual(file, reference, observe(one, reference, PHASE), 1)
+        found.append(estimate_check(design, residual))
+    assert found[1].error.position_m == pytest.approx(found[0].error.position_m, abs=2e-8)
+
+
 def test_drives_stand_where_command_and_table_put_them(checked):
     """Corrections of the header's tables are added to what drives report, and to nothing measured without tables."""
     _, store, *_ = checked

@@ -19,6 +19,7 @@ __all__ = [
     "disturbed_recording",
     "effect_inputs",
     "evidence",
+    "few_visits",
     "findings",
     "folder_context",
     "folder_effects",

@@ -16,6 +16,7 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.few_visits import or_at_few_visits
 from calibration.diagnosis.level_posterior import COLUMNS, QUANTILE, TOLERANCES, LevelPosterior, scaled_levels
 from calibration.diagnosis.non_parametric import largest_evidence_by_visit
 from calibration.diagnosis.ranking import Cause, as_found, columns_of_cause
@@ -176,6 +177,7 @@ class SearchOfLevelsAndCauses:
         likelihood = likelihood or self._likelihood_at(levels)
         known = likelihood is self._likelihood and tuple(effects) == self._effects
         result = search_causes(likelihood, self._inputs, effects, self._budget, self._ranking if known else None)
+        result = or_at_few_visits(result, likelihood, self._inputs)
         return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))
 
     def _likelihood_at(self, levels: Array) -> MarginalLikelihood:

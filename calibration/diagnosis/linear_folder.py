@@ -106,6 +106,11 @@ class LinearFolder(LinearisedReadings):
         return float(np.median(self.rows.sigma[self.rows.is_length]))
 
     @property
+    def visit_number(self) -> NDArray[np.intp]:
+        """Number (n,) of the visit in the folder; of a distance that of its first one."""
+        return np.asarray(self.measured.number[self.used[self.visit]]).astype(np.intp)
+
+    @property
     def source_rows(self) -> NDArray[np.intp]:
         """Number (n,) of the reading of its kind."""
         return self.rows.reading

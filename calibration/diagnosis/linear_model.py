@@ -88,6 +88,11 @@ class LinearModel(LinearisedReadings):
         return np.asarray(self.recording["payload"][self.rows]).astype(np.intp)
 
     @property
+    def visit_number(self) -> NDArray[np.intp]:
+        """Number (n,) of the visit in the recording."""
+        return np.asarray(self.recording["visit"][self.rows]).astype(np.intp)
+
+    @property
     def source_rows(self) -> NDArray[np.intp]:
         """Rows (n,) of the recording."""
         return self.rows

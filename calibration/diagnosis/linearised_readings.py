@@ -126,6 +126,11 @@ class LinearisedReadings(ObservedModel, ABC):
         """Number (n,) of each reading's load."""
 
     @property
+    @abstractmethod
+    def visit_number(self) -> NDArray[np.intp]:
+        """Number (n,) in the source of each reading's visit; of a distance that of its first one."""
+
+    @property
     def read_shares(self) -> Array:
         """How much a reading says of a shift along each axis (3,): 1 where it is read."""
         return np.ones(3)

@@ -70,7 +70,7 @@ def rank_non_parametric(likelihood: MarginalLikelihood, inputs: EffectInputs) ->
 
     tried_on_machine = sorted(on_machine, key=evidence, reverse=True)[:CHANNELS_TRIED]
     tried_groups = tried_on_machine + sorted(reflectors, key=evidence, reverse=True)[:1]
-    by_visit = inputs.once("by visit", lambda: _visit_indicators(inputs))
+    by_visit = visit_indicators(inputs)
     # Not at a reflector: to lie elsewhere at each visit is an effect of the catalogue.
     alternatives = [
         _non_parametric_evidence(likelihood, inputs, group, "visit", by_visit) for group in tried_on_machine
@@ -93,15 +93,16 @@ def _on_machine(group: tuple[str, ...]) -> bool:
     return not group[0].startswith(NOT_ON_MACHINE)
 
 
-def _visit_indicators(inputs: EffectInputs) -> Array:
+def visit_indicators(inputs: EffectInputs) -> Array:
+    """Which readings are of each visit (n, v): 1, the others 0."""
     arrival = inputs.context.arrival
-    return (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64)
+    return inputs.once("by visit", lambda: (arrival[:, None] == np.arange(int(arrival.max()) + 1)).astype(np.float64))
 
 
 def _log_evidence_by_visit(likelihood: MarginalLikelihood, channel: str, sizes_sigma: Array) -> Array:
     """Log evidence (a,) of shifts per visit at a channel, approximated as independent, for each size (a,)."""
     information, score = likelihood.information_by_visit(channel)
-    square = (sizes_sigma[:, None] * _channel_unit(likelihood, channel)) ** 2
+    square = (sizes_sigma[:, None] * channel_unit(likelihood, channel)) ** 2
     grown = 1.0 + square * information
     return np.asarray(np.sum(0.5 * square * score**2 / grown - 0.5 * np.log(grown), axis=1))
 
@@ -122,11 +123,11 @@ def left_at_platform(likelihood: MarginalLikelihood) -> Array:
     coordinate's units: as likely to be there as not, of any size."""
     logs = log_evidence_at_platform(likelihood, LEFT_SIGMA) - np.log(len(LEFT_SIGMA))
     there = np.exp(logs - np.logaddexp(log_sum(logs, axis=1), 0.0)[:, None])
-    units = [_channel_unit(likelihood, channel) for channel in likelihood.channels.pose_channels()]
+    units = [channel_unit(likelihood, channel) for channel in likelihood.channels.pose_channels()]
     return np.asarray(there @ LEFT_SIGMA**2 * np.array(units) ** 2)
 
 
-def _channel_unit(likelihood: MarginalLikelihood, channel: str) -> float:
+def channel_unit(likelihood: MarginalLikelihood, channel: str) -> float:
     """The amount of a channel that moves the readings by one standard deviation RMS; zero if no reading responds."""
     rms = float(np.sqrt(np.mean(likelihood.response(channel) ** 2)))
     return 1.0 / rms if rms > NEGLIGIBLE_RESPONSE else 0.0
@@ -136,7 +137,7 @@ def _units(likelihood: MarginalLikelihood, group: tuple[str, ...]) -> dict[str, 
     """Units of channels that are tried together."""
     out = dict[str, float]()
     for names in alike_but_for_zero(group):
-        units = np.array([_channel_unit(likelihood, name) for name in names])
+        units = np.array([channel_unit(likelihood, name) for name in names])
         moving = units[units > 0.0]
         out |= dict.fromkeys(names, float(np.mean(moving**-2.0) ** -0.5) if moving.size else 0.0)
     return out

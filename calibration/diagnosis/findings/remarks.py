@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from calibration.diagnosis.few_visits import AtFewVisits
 from calibration.diagnosis.level_posterior import COLUMNS
 from calibration.diagnosis.levels_and_causes import TOLD_BY_FORM, LevelsAndCauses, ToldByForm
 from calibration.diagnosis.linearised_readings import LinearisedReadings
@@ -137,7 +138,10 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
         )
     elif is_effect and _gain_that_counts(search_result) > INEXACT:
         out.append(f"the effect's form is not exact: {_departs(search_result)}")
-    if verdict == UNKNOWN and search_result.causes and search_result.non_parametric:
+    first = next(iter(search_result.non_parametric_alone), None)
+    if isinstance(first, AtFewVisits) and verdict != NONE:
+        out.append(_at_few_visits(first, certain=verdict == UNKNOWN))
+    elif verdict == UNKNOWN and search_result.causes and search_result.non_parametric:
         most_alike = search_result.ranking[0]
         out.append(
             f"most like {_named(most_alike)} ({most_alike.log_evidence:.0f} of log evidence alone), but "
@@ -153,6 +157,17 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
     if is_effect and not any(cause.effect.name == verdict for cause in search_result.causes):
         out.append("the most probable single effect is not among those that together explain most")
     return tuple(out)
+
+
+def _at_few_visits(found: AtFewVisits, *, certain: bool) -> str:
+    """When what is off, and that nothing else is."""
+    one, visits = len(found.visits) == 1, ", ".join(map(str, found.visits))
+    farthest = 1e6 * max(map(abs, found.off))
+    return (
+        f"{'' if certain else 'about as likely: '}at visit{'' if one else 's'} {visits} alone something is elsewhere, "
+        f"most likely {found.channel} by {'' if one else 'up to '}{farthest:.0f} u{found.unit} "
+        f"({found.log_evidence:.0f} of log evidence), and at all others nothing is: see what happened then"
+    )
 
 
 def _nearest(search_result: SearchResult) -> str:

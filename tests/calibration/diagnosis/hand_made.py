@@ -70,4 +70,5 @@ def found(
         log_evidence=explained,
         excess_log_evidence=excess,
         departure_gain=departure_gain,
+        non_parametric_alone=(),
     )

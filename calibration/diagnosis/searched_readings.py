@@ -92,6 +92,8 @@ class _SearchOfPositioning:
             if first is not None and first.log_evidence < MUCH_EXPLAINED:
                 begins_m = self._beside_m([first], first.log_evidence)
             self._tried[begins_m] = self._standing_off(begins_m).search(self._budget.anew())
+            if self._one_drive_explains_more(self._tried[begins_m]):  # which counts for any other standard deviation
+                return
             if self._best.found.log_posterior < alone.log_evidence:
                 self._tried[sd_m] = alone.search(self._budget.anew())
         for _ in range(MOST_SEARCHES):

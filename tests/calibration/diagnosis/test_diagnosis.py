@@ -13,6 +13,7 @@ import pytest
 
 from calibration.diagnosis.diagnose import diagnose, withheld_with
 from calibration.diagnosis.result import KINDS, NONE, UNKNOWN
+from calibration.diagnosis.searched_readings import _ReadingsToSearch
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
 from calibration.recording.header import DeclaredLevels
@@ -253,9 +254,18 @@ def test_with_its_class_removed_it_is_unknown(periodic):
     assert "at travel.right alone explains more" in most_like
 
 
-def test_what_is_in_no_catalogue_is_unknown_until_ones_own_file_names_it(creeping, tmp_path):
-    """The file is the example of docs/reference/effects.md."""
+def test_what_is_in_no_catalogue_is_unknown_until_ones_own_file_names_it(creeping, tmp_path, monkeypatch):
+    """The file is the example of docs/reference/effects.md. Once it is known that one drive does it, nothing more is
+    searched for on a machine that does not repeat."""
+    searched, search = [], _ReadingsToSearch.search
+
+    def counted(readings, budget):
+        searched.append(readings._sd_m)
+        return search(readings, budget)
+
+    monkeypatch.setattr(_ReadingsToSearch, "search", counted)
     assert diagnose(creeping).verdict == UNKNOWN
+    assert searched == [pytest.approx(1e-5, rel=0.5), 0.0]
     path = tmp_path / "mine.py"
     path.write_text(example(), encoding="utf-8")
     catalogue = load_catalogue([path])

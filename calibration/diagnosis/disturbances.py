@@ -23,8 +23,8 @@ WALK_TERMS_PER_HOUR, LEAST_WALK_TERMS, MOST_WALK_TERMS = 10.0, 24, 96
 LEAST_PAUSE_H, MOST_PAUSES = 1.0, 24  # between two readings, over which a walk is one step: the longest ones
 SHORTEST_WAVE_S = 1500.0
 WAVE_SPACING, LEAST_WAVE_PAIRS, MOST_WAVE_COLUMNS = 0.9, 8, 80  # spacing of frequencies in periods over the campaign
-LEAST_U_K = 0.02  # of a part's temperature by its sensor: with less, what parts differ in by themselves is more
 MOST_PAIRS = 200  # of which the most varying columns are taken: enough for three days
+LEAST_U_K = 0.02  # of a part's temperature by its sensor: with less, what parts differ in by themselves is more
 
 
 def disturbance_columns(

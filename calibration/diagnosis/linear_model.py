@@ -30,18 +30,16 @@ from calibration.diagnosis.reading_weights import SecondJudgement, weights_by_mo
 from calibration.diagnosis.repeated_visits import scatter_over_visits
 from calibration.instruments.setups import Setups
 from calibration.instruments.smr_positions import ReflectorObservations, SmrPositions, StationModel
-from calibration.machine.description import Machine
 from calibration.model.payload import PayloadEntry
-from calibration.model.visits import Visits
 from calibration.recording.header import AccuracyEntry, DisturbanceLevels
 from calibration.recording.recording import Recording
-from calibration.reduction.data_checks import require_enough_poses
+from calibration.reduction.data_checks import require_enough_visits
 from calibration.reduction.grouped_readings import group_by_visit, reflector_indices
 from calibration.reduction.left_out import GIANT, LeftOutReading
 from calibration.reduction.part_temperatures import most_likely_temperatures
 from calibration.reduction.recording_setups import in_first_frame, setups_of
 
-GATINGS, LEAST_VISITS = 8, 20
+GATINGS = 8
 PHASES = ("calibration", "repeatability", "nests", "verification_before")
 
 
@@ -257,7 +255,7 @@ def _readings_of_another_place(recording: Recording, rows: NDArray[np.intp]) -> 
     setups = setups_of(recording)
     used = in_first_frame(recording.take(rows), setups)
     observations, visit, _ = _observations(used, setups)
-    _require_enough_visits(used.machine, observations.visits)
+    require_enough_visits(used.machine, observations.visits.target_m)
     unknowns = Unknowns.of(used, observations, setups)
     readings = SmrPositions(observations, unknowns.station)
     poses = unknowns.model.predict(np.zeros(unknowns.of_model), observations.visits, observations.visits.target_m)
@@ -294,7 +292,7 @@ def _linearise_rows(
     of_parts, sensors = most_likely_temperatures(recording)
     used = in_first_frame(of_parts.take(rows), setups)
     observations, visit, smr = _observations(used, setups)
-    _require_enough_visits(used.machine, observations.visits)
+    require_enough_visits(used.machine, observations.visits.target_m)
     unknowns = Unknowns.of(used, observations, setups)
     point, at_point = linearise_with_disturbances(used, unknowns, observations, setups, visit, smr, sensors, held)
     observed, whiten = at_point.observed, at_point.whiten
@@ -345,9 +343,3 @@ def _observations(used: Recording, setups: Setups) -> tuple[ReflectorObservation
     all_visits = np.full(len(smr), -1, dtype=np.intp)
     all_visits[rows] = observations.visit
     return observations, all_visits, smr
-
-
-def _require_enough_visits(machine: Machine, visits: Visits) -> None:
-    require_enough_poses(machine, visits.target_m)
-    if len(visits) < LEAST_VISITS:
-        raise InputError(f"{len(visits)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")

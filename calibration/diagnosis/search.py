@@ -270,9 +270,8 @@ def _include_from(
         budget.spent += budget.work(len(inputs.context), _columns(ranked[0]))
         given = include_cause(found.likelihoods[-1], ranked[0])
         non_parametric = rank_non_parametric(given, inputs)
-        found = _Explanation(
-            (*found.causes, ranked[0]), (*found.likelihoods, given), log_evidence, tuple(non_parametric), of_fewer
-        )
+        causes, likelihoods = (*found.causes, ranked[0]), (*found.likelihoods, given)
+        found = _Explanation(causes, likelihoods, log_evidence, tuple(non_parametric), of_fewer)
         nothing_left = non_parametric[0].log_evidence < VERDICT.residual_search_threshold
         if nothing_left or len(found.causes) == VERDICT.max_causes:
             break

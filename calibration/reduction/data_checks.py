@@ -9,6 +9,7 @@ from calibration.base.errors import InputError
 from calibration.instruments.smr_positions import ReflectorObservations
 from calibration.machine.description import COORDINATES, Machine
 
+LEAST_VISITS = 20  # of a diagnosis
 MIN_SPREAD = 0.25  # of the workspace, in every commanded coordinate
 SPACING_ERROR = 0.05  # relative, between reflectors; mountings err by millimetres at most
 THOUSANDS = {1e3: "in millimetres", 1e-3: "in kilometres"}
@@ -71,6 +72,13 @@ def require_enough_poses(machine: Machine, target_m: Array) -> None:
         raise InputError(
             f"{n_poses} different poses are too few for machine {machine.name}; measure {n_required} or more"
         )
+
+
+def require_enough_visits(machine: Machine, target_m: Array) -> None:
+    """Refuse too few poses, and too few visits (v, 6) for a diagnosis."""
+    require_enough_poses(machine, target_m)
+    if len(target_m) < LEAST_VISITS:
+        raise InputError(f"{len(target_m)} visits are too few for a diagnosis; measure {LEAST_VISITS} or more")
 
 
 def require_spread_poses(machine: Machine, target_m: Array) -> None:

@@ -11,10 +11,12 @@ from scipy.stats import multivariate_normal
 from calibration.diagnosis.diagnose import diagnose
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.few_visits import FEW_VISITS, SHARE, SIZES_SIGMA, at_few_visits
+from calibration.diagnosis.few_visits import FEW_VISITS, SHARE, SIZES_SIGMA, at_few_visits, or_at_few_visits
 from calibration.diagnosis.linear_folder import linearise_measurements
 from calibration.diagnosis.linear_model import linearise_recording
 from calibration.diagnosis.result import UNKNOWN
+from calibration.diagnosis.search import SearchResult
+from calibration.diagnosis.settings import VERDICT
 from tests.calibration.diagnosis.campaigns import Arrivals, simulated
 from tests.calibration.diagnosis.measured import Wanted, made
 
@@ -88,6 +90,22 @@ def test_many_are_not_few():
     off = np.arange(3, 80, 5)
     found = at_few_visits(*searched(simulated("planar4", 80, elsewhere(off, 1e-4))))
     assert len(found.visits) == 4
+
+
+def test_what_explains_as_much_but_for_a_model_s_error_has_even_odds():
+    likelihood, inputs = searched(simulated("planar4", 80, elsewhere([20, 51], 5e-4), seed=5))
+    few = at_few_visits(likelihood, inputs).log_evidence
+
+    def beside(explained: float) -> SearchResult:
+        result = SearchResult((), (), (likelihood,), explained, 0.0, (), ())
+        return or_at_few_visits(result, likelihood, inputs)
+
+    alike = beside(few)
+    assert few > 1000.0
+    assert alike.excess_log_evidence == pytest.approx(VERDICT.threshold_of_excess(few) - VERDICT.excess_threshold)
+    assert alike.non_parametric_alone[0].coordinate == FEW_VISITS
+    assert beside(1.2 * few).non_parametric_alone == ()  # a law that explains clearly more
+    assert beside(0.5 * few).excess_log_evidence > 0.5 * few
 
 
 def test_evidence_is_that_of_a_dense_covariance():

@@ -101,6 +101,13 @@ def test_a_part_that_is_suddenly_warmer_is_believed(recording):
     assert np.std(found["struts_temperature_c"] - value_c) < 0.05
 
 
+def test_two_temperatures_far_apart_are_no_rounding(recording):
+    value_c = np.where(recording["visit"] >= 40, 24.0, 21.0)
+    found, sensors = most_likely_temperatures(changed(recording, struts_temperature_c=value_c))
+    assert sensors["struts"].u_k < 0.01
+    np.testing.assert_allclose(found["struts_temperature_c"], value_c, atol=0.01)
+
+
 def test_a_coarse_step_is_an_uncertainty(bench, recording):
     found, sensors = most_likely_temperatures(sensed(recording, 7, step_k=0.5))
     assert any(sensor.u_k > 0.1 for sensor in sensors.values())

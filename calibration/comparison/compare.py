@@ -30,7 +30,7 @@ from calibration.comparison.two_folders import (
     require_one_measured_machine,
 )
 from calibration.comparison.workspace import WorkspaceChanges
-from calibration.diagnosis.findings.remarks import does_not_repeat
+from calibration.diagnosis.findings.remarks import does_not_repeat, elsewhere
 from calibration.diagnosis.linear_model import usable_rows
 from calibration.machine.description import Machine
 from calibration.recording.measurement_folder import MeasuredMachine
@@ -201,15 +201,20 @@ def _remarks_on_folders(pair: TwoFolders) -> list[str]:
 
 def _remarks(recordings: tuple[Recording, Recording], pair: TwoCampaigns) -> list[str]:
     out = _repeats(pair)
-    for recording, linear, scatter in zip(recordings, (pair.before, pair.after), pair.scatter, strict=True):
+    both = zip(recordings, (pair.before, pair.after), pair.scatter, pair.elsewhere, strict=True)
+    for recording, linear, scatter, off in both:
         name = recording.file.campaign
         out += _rough(name, scatter)
-        if wrong := len(usable_rows(recording)) - len(linear.source_rows):
+        of_these = 0
+        if off is not None:
+            of_these = int(np.isin(recording["visit"][usable_rows(recording)], off.visits).sum())
+            out.append(f"{name}: {elsewhere(off)}; left out, see what happened then")
+        if wrong := len(usable_rows(recording)) - of_these - len(linear.source_rows):
             out.append(f"{name}: {wrong} of its readings, which do not fit the others, left out")
         unknown = int(np.sum((recording["compensation"] > 0.0) & (np.asarray(recording["phase"]) != "nests")))
         if unknown:
             out.append(f"{name}: {unknown} readings under tables that it does not hold were left out")
-    both = {smr.name for smr in pair.before.machine.smrs} | {smr.name for smr in pair.after.machine.smrs}
-    if moved := sorted(both - pair.shared):
+    every = {smr.name for smr in pair.before.machine.smrs} | {smr.name for smr in pair.after.machine.smrs}
+    if moved := sorted(every - pair.shared):
         out.append(f"reflectors that the machine files do not share are not compared: {', '.join(moved)}")
     return out

@@ -9,17 +9,22 @@ temperatures and disturbances: a station that was set up anew, or another instru
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
+from calibration.base.errors import InputError
 from calibration.diagnosis.channels import Channels
+from calibration.diagnosis.evidence import MarginalLikelihood
+from calibration.diagnosis.few_visits import AtFewVisits, at_few_visits
 from calibration.diagnosis.linear_model import LinearModel, linearise_recording
 from calibration.diagnosis.linearisation import STIFFNESS_LIMIT_SIGMA
 from calibration.diagnosis.linearised_readings import LinearisedReadings, inverse_covariance_factor
+from calibration.diagnosis.non_parametric import evidence_of_shifts_by_visit
 from calibration.diagnosis.positioning import most_likely_positioning_m
+from calibration.diagnosis.settings import VERDICT
 from calibration.effects.basis_functions import cosine_basis
 from calibration.instruments.setups import range_shifts
 from calibration.recording.recording import Recording
@@ -38,7 +43,7 @@ class TwoCampaigns:
     anew (m, k) from one campaign to the next at the declared levels: seats of reflectors, temperatures of parts.
     scatter: of the readings about the fit of each campaign alone, over the stated; the rows are divided by it where it
     is larger than one. positioning_sd_m: how far drives stand off anew at each visit of either. shared: reflectors
-    that both have in one place.
+    that both have in one place. elsewhere: what is off at few visits of either, which are left out.
     """
 
     before: LinearisedReadings
@@ -51,6 +56,7 @@ class TwoCampaigns:
     scatter: tuple[float, float]
     positioning_sd_m: float
     shared: frozenset[str]
+    elsewhere: tuple[AtFewVisits | None, AtFewVisits | None] = (None, None)
 
     @property
     def of_after(self) -> slice:
@@ -95,9 +101,12 @@ class TwoCampaigns:
 
 
 def linearise_pair(before: Recording, after: Recording, shared: frozenset[str]) -> TwoCampaigns:
-    """Both campaigns, wrong readings left out, linear about the machine that fits both best. Raises InputError."""
-    alone = linearise_recording(before), linearise_recording(after)
-    first = _joined(*alone, shared)
+    """Both campaigns, wrong readings and visits left out, linear about the machine that fits both best.
+
+    Raises InputError.
+    """
+    alone = [_without_few_visits(linearise_recording(each)) for each in (before, after)]
+    first = replace(_joined(alone[0][0], alone[1][0], shared), elsewhere=(alone[0][1], alone[1][1]))
     return again_at(first, first.machine_values(), {})
 
 
@@ -109,7 +118,22 @@ def again_at(pair: TwoCampaigns, machine: Mapping[str, float], changed: Mapping[
         if not isinstance(linear, LinearModel):
             raise TypeError("only recordings are linearised again")
         models.append(linearise_recording(linear.recording.take(linear.rows), judge=False, held=held))
-    return _joined(models[0], models[1], pair.shared)
+    return replace(_joined(models[0], models[1], pair.shared), elsewhere=pair.elsewhere)
+
+
+def _without_few_visits(linear: LinearModel) -> tuple[LinearModel, AtFewVisits | None]:
+    """A campaign without the few visits at which alone something is elsewhere, as no change of the machine is; what it
+    is. Not where shifts at all visits explain more: a law that the model lacks is at its largest at few visits, too."""
+    likelihood = MarginalLikelihood.of(linear.standing_off(most_likely_positioning_m(linear)))
+    found = at_few_visits(likelihood)
+    of_all = evidence_of_shifts_by_visit(likelihood, [found.channel])
+    if found.log_evidence <= VERDICT.detection_threshold + max(of_all, 0.0):
+        return linear, None
+    rest = linear.recording.take(linear.rows[~np.isin(linear.visit_number, found.visits)])
+    try:
+        return linearise_recording(rest, judge=False), found
+    except InputError:  # too few are left
+        return linear, None
 
 
 def _held(linear: LinearisedReadings) -> frozenset[str]:

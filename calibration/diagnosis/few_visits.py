@@ -11,10 +11,9 @@ import numpy as np
 from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import log_evidence_of_sizes, log_sum
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.diagnosis.non_parametric import NonParametricEffect, channel_unit, visit_indicators
+from calibration.diagnosis.non_parametric import NonParametricEffect, channel_unit
 from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
-from calibration.effects.api import EffectInputs
 
 FEW_VISITS = "few visits"  # as a coordinate
 SHARE = 0.02  # of the visits, that are expected to be off where some are
@@ -33,12 +32,12 @@ class AtFewVisits(NonParametricEffect):
     unit: str = "m"
 
 
-def or_at_few_visits(result: SearchResult, likelihood: MarginalLikelihood, inputs: EffectInputs) -> SearchResult:
+def or_at_few_visits(result: SearchResult, likelihood: MarginalLikelihood) -> SearchResult:
     """What a search found; with what is off at few visits as the alternative that alone explains most, if it does.
 
     likelihood: without any cause. Of two explanations that differ by less than a model's error that is the simpler one.
     """
-    alternative = at_few_visits(likelihood, inputs)
+    alternative = at_few_visits(likelihood)
     explained = result.log_evidence
     model_error = float(VERDICT.threshold_of_excess(explained) - VERDICT.threshold_of_excess(0.0))
     excess = alternative.log_evidence - explained + model_error
@@ -52,14 +51,14 @@ def or_at_few_visits(result: SearchResult, likelihood: MarginalLikelihood, input
     )
 
 
-def at_few_visits(likelihood: MarginalLikelihood, inputs: EffectInputs) -> AtFewVisits:
+def at_few_visits(likelihood: MarginalLikelihood) -> AtFewVisits:
     """The most likely displacement of a drive, a strut or the platform at few visits, its evidence less what it costs
     that any visits could be those: each is off by chance with a probability of SHARE."""
-    machine, channels = inputs.machine, likelihood.channels
+    machine, channels = likelihood.linear.machine, likelihood.channels
     names = [f"travel.{drive}" for drive in machine.drive_names]
     names += [*(f"length.{strut}" for strut in machine.strut_names), *channels.pose_channels()]
     likeliest = sorted(names, key=lambda name: -_evidence_of_single_visits(likelihood, name))[:CHANNELS_TRIED]
-    return max((_at_channel(likelihood, inputs, name) for name in likeliest), key=lambda found: found.log_evidence)
+    return max((_at_channel(likelihood, name) for name in likeliest), key=lambda found: found.log_evidence)
 
 
 def _gains(likelihood: MarginalLikelihood, channel: str) -> Array:
@@ -76,10 +75,11 @@ def _evidence_of_single_visits(likelihood: MarginalLikelihood, channel: str) -> 
     return float(np.max(np.sum(np.logaddexp(np.log1p(-SHARE), np.log(SHARE) + gains), axis=1)))
 
 
-def _at_channel(likelihood: MarginalLikelihood, inputs: EffectInputs, channel: str) -> AtFewVisits:
-    every, unit = visit_indicators(inputs), channel_unit(likelihood, channel)
+def _at_channel(likelihood: MarginalLikelihood, channel: str) -> AtFewVisits:
+    arrival, unit = likelihood.linear.context.arrival, channel_unit(likelihood, channel)
+    visits = int(arrival.max()) + 1
     response, chosen, given = likelihood.response(channel), list[int](), likelihood
-    most = max(LEAST, int(MOST_SHARE * every.shape[1]))
+    most = max(LEAST, int(MOST_SHARE * visits))
     while len(chosen) < most:
         gains = np.max(_gains(given, channel), axis=0)
         gains[chosen] = -np.inf
@@ -87,11 +87,11 @@ def _at_channel(likelihood: MarginalLikelihood, inputs: EffectInputs, channel: s
         if gains[worst] + np.log(SHARE) - np.log1p(-SHARE) <= 0.0:
             break
         chosen.append(worst)
-        column = response[:, :, None] * every[:, None, worst : worst + 1] * (SIZES_SIGMA[-1] * unit)
+        column = (response * (arrival == worst)[:, None])[:, :, None] * (SIZES_SIGMA[-1] * unit)
         given = given.including(column)
     chosen.sort()
-    shapes = every[:, chosen]
-    by_chance = len(chosen) * np.log(SHARE) + (every.shape[1] - len(chosen)) * np.log1p(-SHARE)
+    shapes = (arrival[:, None] == np.array(chosen, dtype=np.intp)).astype(np.float64)
+    by_chance = len(chosen) * np.log(SHARE) + (visits - len(chosen)) * np.log1p(-SHARE)
     if not chosen:
         return AtFewVisits(((channel, unit),), FEW_VISITS, shapes, float(by_chance), 0.0)
     columns = likelihood.information_and_score([((channel, unit * shape),) for shape in shapes.T])
@@ -101,6 +101,6 @@ def _at_channel(likelihood: MarginalLikelihood, inputs: EffectInputs, channel: s
     off = unit * np.linalg.solve(columns.information + np.eye(len(chosen)) / size**2, columns.score)
     rotary = {f"travel.{drive}" for drive in likelihood.linear.machine.rotary_drives}
     turns = "rad" if channel in rotary or channel.startswith("pose.r") else "m"
-    first = np.argmax(shapes, axis=0)
+    first = np.argmax(shapes * np.any(response, axis=1)[:, None], axis=0)
     visits = tuple(likelihood.linear.visit_number[first].tolist())
     return AtFewVisits(((channel, unit),), FEW_VISITS, shapes, evidence, size, visits, tuple(off.tolist()), turns)

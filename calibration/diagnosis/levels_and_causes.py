@@ -177,7 +177,7 @@ class SearchOfLevelsAndCauses:
         likelihood = likelihood or self._likelihood_at(levels)
         known = likelihood is self._likelihood and tuple(effects) == self._effects
         result = search_causes(likelihood, self._inputs, effects, self._budget, self._ranking if known else None)
-        result = or_at_few_visits(result, likelihood, self._inputs)
+        result = or_at_few_visits(result, likelihood)
         return SearchAtLevels(likelihood, result, levels, self._without_causes.gain(levels))
 
     def _likelihood_at(self, levels: Array) -> MarginalLikelihood:

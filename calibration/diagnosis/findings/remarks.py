@@ -161,12 +161,19 @@ def _of_verdict(search_result: SearchResult, verdict: str, noise_floor_m: float 
 
 def _at_few_visits(found: AtFewVisits, *, certain: bool) -> str:
     """When what is off, and that nothing else is."""
+    return (
+        f"{'' if certain else 'about as likely: '}{elsewhere(found)} "
+        f"({found.log_evidence:.0f} of log evidence), and at all others nothing is: see what happened then"
+    )
+
+
+def elsewhere(found: AtFewVisits) -> str:
+    """At which visits what is off, and by how much."""
     one, visits = len(found.visits) == 1, ", ".join(map(str, found.visits))
     farthest = 1e6 * max(map(abs, found.off))
     return (
-        f"{'' if certain else 'about as likely: '}at visit{'' if one else 's'} {visits} alone something is elsewhere, "
-        f"most likely {found.channel} by {'' if one else 'up to '}{farthest:.0f} u{found.unit} "
-        f"({found.log_evidence:.0f} of log evidence), and at all others nothing is: see what happened then"
+        f"at visit{'' if one else 's'} {visits} alone something is elsewhere, "
+        f"most likely {found.channel} by {'' if one else 'up to '}{farthest:.0f} u{found.unit}"
     )
 
 

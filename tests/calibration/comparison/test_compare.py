@@ -14,6 +14,7 @@ from benchmarks.comparison.spatial import Circumstances, SpatialCampaign
 from benchmarks.comparison.visible import even, straight
 from calibration.comparison.compare import compare
 from calibration.comparison.result import Comparison
+from calibration.diagnosis.linear_model import usable_rows
 from calibration.machine.inverse import nominal_drives
 from calibration.recording.recording import Recording
 from mock_devices.known_tables import draw_known_tables
@@ -192,3 +193,54 @@ def test_a_machine_that_does_not_repeat_is_compared_as_one(scale):
     assert any("does not repeat better than" in remark for remark in result.remarks)
     for quantity in (quantity for found in result.changes for quantity in found.quantities):
         assert abs(quantity.value - scale) < 2.5 * quantity.u
+
+
+def with_two_visits_elsewhere(recording: Recording, visits: tuple[int, int], by_m: float) -> Recording:
+    """The first drive is read elsewhere at two visits than it was at."""
+    name = f"{recording.machine.drive_names[0]}_actual_m"
+    off = by_m * np.isin(recording["visit"], visits)
+    return replace(recording, columns={**recording.columns, name: recording[name] + off})
+
+
+@pytest.mark.parametrize("by_m", [1e-4, 3e-4])
+@pytest.mark.parametrize("structure", ["", "drive_scale"])
+def test_what_is_elsewhere_at_two_visits_is_no_change(structure, by_m):
+    change, place, sizes = CHANGES[structure] if structure else (None, "", {})
+    after = with_two_visits_elsewhere(recorded(change), (21, 47), by_m)
+    result = compare(first(), after)
+    assert (result.verdict, result.place) == (structure or "nothing", place)
+    assert len(result.changes) == bool(structure)
+    for found in result.changes:
+        (quantity,) = found.quantities
+        assert abs(quantity.value - sizes["scale"]) < 4.0 * quantity.u
+    (said,) = [remark for remark in result.remarks if "elsewhere" in remark]
+    assert said.startswith("after: at visits 21, 47 alone something is elsewhere, most likely travel.left by up to ")
+    assert float(said.split("up to ")[1].split(" um")[0]) == pytest.approx(1e6 * by_m, rel=0.15)
+    # One reading of this campaign is wrong as well, and is none of those ten.
+    assert any(remark.startswith("after: 1 of its readings") for remark in result.remarks)
+    assert result.readings[1] == len(usable_rows(after)) - 11
+    # Of the campaign before it is the same.
+    back = compare(after, first())
+    assert (back.verdict, back.place) == (structure or "nothing", place)
+    assert any(remark.startswith("after: at visits 21, 47") for remark in back.remarks)
+
+
+@pytest.mark.parametrize("period_m", [1.38, 0.02])
+def test_a_law_is_not_what_is_elsewhere_at_few_visits(period_m):
+    def bowed(q):
+        return 1e-4 * np.cos(2.0 * np.pi * (q - 0.32) / period_m)
+
+    after = recorded(Change(travel={RIGHT: bowed}))
+    result = compare(first(), after)
+    assert not any("elsewhere" in remark for remark in result.remarks)
+
+
+def test_where_too_few_visits_are_left_all_stay():
+    after = recorded()
+    at_pose = after["phase"] != "nests"
+    first_twenty = np.unique(after["visit"][at_pose])[:20]
+    after = after.take(np.flatnonzero(np.isin(after["visit"], first_twenty) | ~at_pose))
+    off = int(first_twenty[7])
+    result = compare(first(), with_two_visits_elsewhere(after, (off, off), 1e-4))
+    assert not any("elsewhere" in remark for remark in result.remarks)
+    assert result.readings[1] >= len(usable_rows(after)) - 2

@@ -9,7 +9,6 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from calibration.diagnosis.diagnose import diagnose
-from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.few_visits import FEW_VISITS, SHARE, SIZES_SIGMA, at_few_visits, or_at_few_visits
 from calibration.diagnosis.linear_folder import linearise_measurements
@@ -34,9 +33,8 @@ def elsewhere(visits, by, play_m=0.0):
     return travel_m
 
 
-def searched(recording):
-    likelihood = MarginalLikelihood.of(linearise_recording(recording, judge=False))
-    return likelihood, inputs_of_recording(likelihood, periodograms(likelihood))
+def likelihood_of(recording) -> MarginalLikelihood:
+    return MarginalLikelihood.of(linearise_recording(recording, judge=False))
 
 
 @pytest.mark.parametrize(
@@ -74,7 +72,7 @@ def test_in_a_folder_its_own_numbers_are_said():
 
     measured = made(Wanted("delta6", ("x_m", "y_m", "z_m"), visits=80, shift=shift))
     likelihood = MarginalLikelihood.of(linearise_measurements(replace(measured, number=measured.number + 100.0)))
-    found = at_few_visits(likelihood, inputs_of_recording(likelihood, periodograms(likelihood)))
+    found = at_few_visits(likelihood)
     assert found.visits == (109, 144, 161)
     assert found.channel == f"travel.{measured.machine.drive_names[1]}"
     assert found.off == pytest.approx([2.0e-5] * 3, rel=0.4)
@@ -83,22 +81,22 @@ def test_in_a_folder_its_own_numbers_are_said():
 @pytest.mark.parametrize("machine", ["planar4", "stewart6", "rrr3"])
 def test_where_nothing_is_off_there_is_no_evidence(machine):
     for seed in range(3):
-        assert at_few_visits(*searched(simulated(machine, 40, seed=seed))).log_evidence < 0.0
+        assert at_few_visits(likelihood_of(simulated(machine, 40, seed=seed))).log_evidence < 0.0
 
 
 def test_many_are_not_few():
     off = np.arange(3, 80, 5)
-    found = at_few_visits(*searched(simulated("planar4", 80, elsewhere(off, 1e-4))))
+    found = at_few_visits(likelihood_of(simulated("planar4", 80, elsewhere(off, 1e-4))))
     assert len(found.visits) == 4
 
 
 def test_what_explains_as_much_but_for_a_model_s_error_has_even_odds():
-    likelihood, inputs = searched(simulated("planar4", 80, elsewhere([20, 51], 5e-4), seed=5))
-    few = at_few_visits(likelihood, inputs).log_evidence
+    likelihood = likelihood_of(simulated("planar4", 80, elsewhere([20, 51], 5e-4), seed=5))
+    few = at_few_visits(likelihood).log_evidence
 
     def beside(explained: float) -> SearchResult:
         result = SearchResult((), (), (likelihood,), explained, 0.0, (), ())
-        return or_at_few_visits(result, likelihood, inputs)
+        return or_at_few_visits(result, likelihood)
 
     alike = beside(few)
     assert few > 1000.0
@@ -110,8 +108,8 @@ def test_what_explains_as_much_but_for_a_model_s_error_has_even_odds():
 
 def test_evidence_is_that_of_a_dense_covariance():
     """Of the visits that were chosen: over all sizes, less what it costs that any could be those."""
-    likelihood, inputs = searched(simulated("planar4", 24, elsewhere([7], 4e-5), seed=2))
-    found = at_few_visits(likelihood, inputs)
+    likelihood = likelihood_of(simulated("planar4", 24, elsewhere([7], 4e-5), seed=2))
+    found = at_few_visits(likelihood)
     assert found.visits == (7,)
     linear = likelihood.linear
     y, a = linear.residual.ravel(), linear.columns.reshape(-1, linear.columns.shape[2])

@@ -101,6 +101,6 @@ def _at_channel(likelihood: MarginalLikelihood, channel: str) -> AtFewVisits:
     off = unit * np.linalg.solve(columns.information + np.eye(len(chosen)) / size**2, columns.score)
     rotary = {f"travel.{drive}" for drive in likelihood.linear.machine.rotary_drives}
     turns = "rad" if channel in rotary or channel.startswith("pose.r") else "m"
-    first = np.argmax(shapes * np.any(response, axis=1)[:, None], axis=0)
-    visits = tuple(likelihood.linear.visit_number[first].tolist())
+    number, responds = likelihood.linear.visit_number, np.any(response, axis=1)
+    visits = tuple(int(number[np.argmax(responds * shape)]) for shape in shapes.T)
     return AtFewVisits(((channel, unit),), FEW_VISITS, shapes, evidence, size, visits, tuple(off.tolist()), turns)

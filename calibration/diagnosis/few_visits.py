@@ -77,9 +77,9 @@ def _evidence_of_single_visits(likelihood: MarginalLikelihood, channel: str) -> 
 
 def _at_channel(likelihood: MarginalLikelihood, channel: str) -> AtFewVisits:
     arrival, unit = likelihood.linear.context.arrival, channel_unit(likelihood, channel)
-    visits = int(arrival.max()) + 1
+    count = int(arrival.max()) + 1
     response, chosen, given = likelihood.response(channel), list[int](), likelihood
-    most = max(LEAST, int(MOST_SHARE * visits))
+    most = max(LEAST, int(MOST_SHARE * count))
     while len(chosen) < most:
         gains = np.max(_gains(given, channel), axis=0)
         gains[chosen] = -np.inf
@@ -91,7 +91,7 @@ def _at_channel(likelihood: MarginalLikelihood, channel: str) -> AtFewVisits:
         given = given.including(column)
     chosen.sort()
     shapes = (arrival[:, None] == np.array(chosen, dtype=np.intp)).astype(np.float64)
-    by_chance = len(chosen) * np.log(SHARE) + (visits - len(chosen)) * np.log1p(-SHARE)
+    by_chance = len(chosen) * np.log(SHARE) + (count - len(chosen)) * np.log1p(-SHARE)
     if not chosen:
         return AtFewVisits(((channel, unit),), FEW_VISITS, shapes, float(by_chance), 0.0)
     columns = likelihood.information_and_score([((channel, unit * shape),) for shape in shapes.T])

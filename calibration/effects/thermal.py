@@ -176,9 +176,9 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
     if every:
         sets.add_set([c for warmed in every for c in warmed], weight=HEAT_WEIGHT, size=len(every) * means)
 
-    def whichever_end_stays(courses: Array) -> list[int]:
+    def whichever_end_stays(courses: Array, form: str = "") -> list[int]:
         ends = [alpha * courses * (x - end)[:, None] for end in (0.0, span)]
-        return sets.add((travel, np.concatenate(ends, axis=1)))
+        return sets.add((travel, np.concatenate(ends, axis=1)), form=form)
 
     if of_torque:
         sets.add_set(whichever_end_stays(np.column_stack([heat for heat, _ in of_torque])), weight=HEAT_WEIGHT)
@@ -188,7 +188,8 @@ def screw_growth(inputs: EffectInputs, drive: int) -> BasisSets:
         sets.add_set(whichever_end_stays(own[:, None]), weight=CURVE_WEIGHT)
     t = inputs.context.elapsed_s
     for tau in TIME_CONSTANTS_S:
-        sets.add_set(whichever_end_stays((1.0 - np.exp(-t / tau))[:, None]), size=(1.0, 1.0), tau_s=tau)
+        warming = whichever_end_stays((1.0 - np.exp(-t / tau))[:, None], "warming")
+        sets.add_set(warming, size=(1.0, 1.0), tau_s=tau)
     heats = [inputs.context.motion_heat(drive, tau) for tau in TIME_CONSTANTS_S[1::3]]
     for course in (t, *heats, *(following for following, _ in _followed(inputs, "drives"))):
         sets.add_set(whichever_end_stays(curve_over(course)), weight=CURVE_WEIGHT, size=2 * rises_of_curve())

@@ -67,3 +67,18 @@ def test_a_column_may_follow_a_temperature_along_a_curve(inputs):
     found = nearest(load_catalogue().effect("column_thermal_growth").forms(inputs, 0), "travel.left", wanted)
     assert found[2] < 0.25
     assert size(*found[:2]) == pytest.approx(rise_k(), rel=0.25)
+
+
+def test_a_screw_that_warms_from_the_beginning_is_a_form_with_a_name(inputs):
+    """So that a departure from it is looked for, as of a drive that creeps, and that it can be left out."""
+    built = load_catalogue().effect("screw_thermal_growth").forms(inputs, 0)
+    warming = [s for s in built.sets if {built.named[c] for c in s.main} == {"warming"}]
+    assert len(warming) == 6
+    t = inputs.context.elapsed_s
+    for basis_set in warming:
+        rise = 1.0 - np.exp(-t / basis_set.parameters["tau_s"])
+        first = dict(built.contributions[basis_set.main[0]])["travel.left"]
+        lower = inputs.context.drives[:, 0] - inputs.machine.travel[0, 0]
+        assert np.allclose(first, inputs.machine.expansion_per_k["drives"] * rise * lower, rtol=0.0, atol=1e-15)
+    left = built.without_forms({"warming"})
+    assert not any("tau_s" in s.parameters and len(s.main) == 2 and len(s.columns) == 2 for s in left.sets)

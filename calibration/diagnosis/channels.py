@@ -7,7 +7,7 @@ Its response is the shift of each measured reflector per unit of the channel (m,
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.observed_model import ObservedModel
+from calibration.effects.departures import SOFTENED
 from calibration.machine.description import COORDINATES, PARTS, across
 from calibration.model.model import PAYLOAD
 
@@ -55,6 +56,8 @@ class Channels:
                 self._shift_m[name] = moved @ self.observed.frame.rotation
             elif kind in STATED:
                 self._shift_m[name] = self._stated_response(kind, rest)
+            elif kind == SOFTENED:
+                self._shift_m[name] = self._softened_response(rest)
             else:
                 self._shift_m[name] = self._machine_response(name)
         return self._shift_m[name]
@@ -169,15 +172,65 @@ class Channels:
             return self._growth_response(of)
         if kind == "payload":
             return self._platform_shift(self.payload_column(f"payload.{of}"))
+        return self._by_travels(kind, of)
+
+    def _by_travels(self, kind: str, of: str, before: str = "") -> Array:
+        """What a scale or a table moves, by the travels of the drives; before: that of softened ones begins so."""
+        observed, machine = self.observed, self.machine
         drives = observed.poses.visits.drives
         if kind == "scale":
-            from_middle = (
-                drives[:, machine.drive_names.index(of)] - machine.travel[machine.drive_names.index(of)].mean()
-            )
-            return self.shift_m(f"travel.{of}") * from_middle[observed.visit, None]
+            drive = machine.drive_names.index(of)
+            from_middle = drives[:, drive] - machine.travel[drive].mean()
+            return self.shift_m(f"{before}travel.{of}") * from_middle[observed.visit, None]
         corrections = observed.context.table_corrections_m(int(of), machine.drive_names, drives)[observed.visit]
-        by_drive = [self.shift_m(f"travel.{d}") * corrections[:, a, None] for a, d in enumerate(machine.drive_names)]
-        return np.asarray(sum(by_drive))
+        travels = [self.shift_m(f"{before}travel.{name}") for name in machine.drive_names]
+        return np.asarray(sum(travel * corrections[:, a, None] for a, travel in enumerate(travels)))
+
+    def _softened_response(self, of: str) -> Array:
+        """How the response to a channel changes with the logarithm of a strut's or a guide's stiffness.
+
+        The derivative of -K^-1 dG: what the channel pulls less at a softer part moves the platform as that part's
+        stiffness does by itself, dG = force times wrench, with the change of its force per unit of the channel.
+        """
+        name, _, channel = of.partition(".")
+        kind, _, rest = channel.partition(".")
+        if kind in ("scale", "table"):
+            return self._by_travels(kind, rest, f"{SOFTENED}.{name}.")
+        state = self.observed.poses.sensitivity.state
+        constraint = (*self.machine.strut_names, *self.machine.guide_names).index(name)
+        column, elongation = self._pull(channel)
+        moved = self._pose_change(column)[:, self.machine.dof].T
+        wrench = state.wrench[:, constraint]
+        force = state.stiffness[constraint] * (np.sum(wrench * moved, axis=0) + elongation[constraint])
+        return self._platform_shift(force * wrench)
+
+    def _pull(self, channel: str) -> tuple[Array, Array]:
+        """dG (f, v) of one unit of a channel; by how much it makes struts and guides (c, v) longer between their ends."""
+        kind, place, direction = (*channel.split("."), "")[:3]
+        machine, sensitivity = self.machine, self.observed.poses.sensitivity
+        longer = np.zeros((sensitivity.state.wrench.shape[1], len(self.observed.poses.visits)))
+        if kind == "payload":
+            return self.payload_column(channel), longer
+        if kind in ("force", "length", "weight"):
+            if kind == "length":
+                longer[machine.strut_names.index(place)] = -sensitivity.conditions.factors["struts"]
+            return self._column_of_platform(kind, place), longer
+        drive = machine.drive_names.index(place)
+        if machine.drive_kinds[drive] == "leg":
+            longer[machine.strut_drive == drive] = -1.0
+            return sensitivity.travel(drive), longer
+        column = np.zeros((len(machine.dof), longer.shape[1]))
+        for strut, shift in self._base_shifts(kind, drive, direction):
+            longer[strut] = -np.sum(sensitivity.state.direction[:, strut] * shift, axis=0)
+            column += sensitivity.base_end(strut, shift)
+        return column, longer
+
+    def _base_shifts(self, kind: str, drive: int, direction: str) -> Iterator[tuple[int, Array]]:
+        """By how much the base ends (3, v) of a drive's struts move with one unit of a channel of it."""
+        joints, carrier = self.observed.poses.geometry.base_joint_m, self.observed.poses.sensitivity.carriers[drive]
+        moved = None if kind == "travel" else self._of_slider(kind, drive, direction)
+        for strut in np.flatnonzero(self.machine.strut_drive == drive).tolist():
+            yield strut, carrier.d_travel(joints[strut]) if moved is None else moved(joints[strut])
 
     def payload_column(self, name: str) -> Array:
         """dG (f, v) per unit of a channel of the payload: a kilogram, or a metre of its centre along an axis."""
@@ -203,23 +256,20 @@ class Channels:
             for i, rows, visit in self._reflectors_on_drive(drive):
                 out[rows] += sensitivity.carriers[drive].d_travel(observed.mounted_m[i])[:, visit].T
             return out
-        axis = np.eye(3)[AXES.index(direction)]
-        joints = observed.poses.geometry.base_joint_m
-        struts = np.flatnonzero(self.machine.strut_drive == drive)
-        # A slider turns about the middle of its joints.
-        middle = joints[struts].mean(axis=0)
         column = np.zeros((len(self.machine.dof), len(observed.poses.visits)))
-        ones = np.ones(len(observed.poses.visits))
-
-        def shift(point: Array) -> Array:
-            return np.outer(axis if kind == "sideways" else np.cross(axis, point - middle), ones)
-
-        for strut in struts.tolist():
-            column += sensitivity.base_end(strut, shift(joints[strut]))
-        out = self._platform_shift(column)
+        for strut, shift in self._base_shifts(kind, drive, direction):
+            column += sensitivity.base_end(strut, shift)
+        out, moved = self._platform_shift(column), self._of_slider(kind, drive, direction)
         for i, rows, visit in self._reflectors_on_drive(drive):
-            out[rows] += shift(observed.mounted_m[i])[:, visit].T
+            out[rows] += moved(observed.mounted_m[i])[:, visit].T
         return out
+
+    def _of_slider(self, kind: str, drive: int, direction: str) -> Callable[[Array], Array]:
+        """By how much a point of a slider moves (3, v) sideways, or where the slider turns."""
+        axis, ones = np.eye(3)[AXES.index(direction)], np.ones(len(self.observed.poses.visits))
+        joints = self.observed.poses.geometry.base_joint_m[self.machine.strut_drive == drive]
+        middle = joints.mean(axis=0)  # about which it turns
+        return lambda point: np.outer(axis if kind == "sideways" else np.cross(axis, point - middle), ones)
 
     def _reflectors_on_drive(self, drive: int) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
         observed = self.observed
@@ -273,6 +323,8 @@ class Channels:
 def unit_of_channel(name: str) -> str:
     """The SI unit of a channel's amount."""
     kind, last = name.partition(".")[0], name.rpartition(".")[2]
+    if kind == SOFTENED:
+        return unit_of_channel(name.split(".", 2)[2])
     if name == "payload.mass" or kind == "weight":
         return "kg"
     if kind == "force":

@@ -31,11 +31,13 @@ from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import PERIOD, Departure, Effect, EffectInputs
 from calibration.effects.columns import Contributions
 from calibration.effects.departures import (
+    STIFFNESS,
     VISIT,
     departing,
     functions_it_varies_with,
     functions_of_change,
     functions_of_coordinates,
+    through_softened,
 )
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
@@ -47,6 +49,7 @@ MOST_MAIN_COLUMNS = 3  # more are a general function already, which has no form 
 MOST_CHANGING, MOST_PRODUCTS = 60, 120  # columns of a general function that may change, and their products
 ONE_SIDED = 0.9  # of the square of a form at each side of the approach, which has one sign there
 FEWEST_BY_CHANCE = 30  # visits, of which chance can be told from a course
+LEAST_U_OF_STIFFNESS = 0.01  # of a logarithm: what is known better changes no response
 MOST_PRODUCTS_A_VISIT = 0.5  # of more than half as many as visits one fits nearly anything that differs by visit
 
 _Kind = Literal["exact", "a little", "wholly", "by visit"]
@@ -108,7 +111,8 @@ def with_departures(
     comes_with_side = bool(main) and _comes_with_side(inputs, effect, place, contributions[main[0]])
     may_differ = by_visit and not general and (anew or comes_with_side)
     fluctuating = _departures_by_visit(inputs, effect, main if anew else main[:1]) if may_differ else []
-    departures = [departure for group in (*of_coordinate.values(), fluctuating) for departure in group]
+    softened = {} if anew else _of_uncertain_stiffness(likelihood, inputs, main, contributions)
+    departures = [departure for group in (softened, *of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
     seen = dict(zip(departures, np.diag(information.information)[len(contributions) :].tolist(), strict=True))
@@ -143,12 +147,13 @@ def with_departures(
     sets = [
         replace(
             exact.basis_set,
-            columns=(*own, *(number[departure] for departure in way.departures)),
-            relative=(*exact.basis_set.relative, *way.scales),
+            columns=(*own, *(number[departure] for departure in (*softened, *way.departures))),
+            relative=(*exact.basis_set.relative, *softened.values(), *way.scales),
         )
         for way in ways
     ]
-    evidence = evidence_of_basis_sets(information, sets, low, effect.size.high)
+    plain = replace(exact.basis_set, columns=own)
+    without, *evidence = evidence_of_basis_sets(information, [plain, *sets], low, effect.size.high)
     priors = np.array([way.prior for way in ways])
     logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
     anywhere = anew and effect.place == "smr"  # where nothing else acts
@@ -160,16 +165,34 @@ def with_departures(
     judge_courses(evidence, logs)
     likeliest = int(np.argmax(logs))
     best, departures_of_best = evidence[likeliest], ways[likeliest].departures
-    basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=departures_of_best)
+    all_of_best = (*softened, *departures_of_best)
+    basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=all_of_best)
     log_evidence = float(log_sum(logs))
     expected = [i for i, way in enumerate(ways) if way.kind in ("exact", "wholly")]
     log_expected = float(log_sum(logs[expected]) - np.log(priors[expected].sum() / priors.sum()))
     return DepartingEvidence(
-        log_evidence - (evidence[0].log_evidence - loss_of_one_way(evidence[0])),
+        log_evidence - (without.log_evidence - loss_of_one_way(without)),
         0.0 if ways[likeliest].kind == "by visit" else max(log_evidence - log_expected, 0.0),
         replace(best, basis_set=basis_set),
         tuple(columns[c] for c in best.basis_set.columns),
     )
+
+
+def _of_uncertain_stiffness(
+    likelihood: MarginalLikelihood, inputs: EffectInputs, main: Sequence[int], contributions: Sequence[Contributions]
+) -> dict[Departure, float]:
+    """How a form may move the platform otherwise than at the stiffnesses that the readings were linearised at; the
+    standard deviation of each, over the size: that which is left of the stiffness's logarithm.
+
+    In a machine that is held by more parts than it needs, which way one of them moves it depends on how stiff the
+    others are. Effect and stiffness enter as a product, which no sum of the two has.
+    """
+    return {
+        Departure(i, STIFFNESS, constraint): u
+        for i in main
+        for constraint, u in likelihood.linear.u_of_ln_stiffness.items()
+        if u > LEAST_U_OF_STIFFNESS and through_softened(inputs, constraint, contributions[i])
+    }
 
 
 def _functions_to_depart_by(

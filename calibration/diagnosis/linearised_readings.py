@@ -245,6 +245,17 @@ class LinearisedReadings(ObservedModel, ABC):
         return project_out(self.q_of_calibration, shift)
 
     @cached_property
+    def u_of_ln_stiffness(self) -> dict[int, float]:
+        """What the readings leave open of the logarithm of each stiffness, by the number of the strut or guide."""
+        parts = (*self.machine.strut_names, *self.machine.guide_names)
+        column = {name: i for i, name in enumerate(self.names)}
+        known = [(c, column[f"ln_stiffness.{part}"]) for c, part in enumerate(parts) if f"ln_stiffness.{part}" in column]
+        columns = self.columns[:, :, [i for _, i in known]]
+        told = np.sum(self.joined(columns) * self.apply(columns), axis=(0, 1))
+        left = np.sqrt(np.clip(1.0 - told, 0.0, 1.0)) * self.sigma[[i for _, i in known]]
+        return {c: float(u) for (c, _), u in zip(known, left, strict=True)}
+
+    @cached_property
     def q_of_calibration(self) -> Array:
         """As q, without the disturbances."""
         return self.factor_of(self.columns[:, :, : self.of_calibration])

@@ -27,7 +27,7 @@ from calibration.diagnosis.place_evidence import (
 from calibration.diagnosis.settings import VERDICT
 from calibration.effects.api import Effect, EffectInputs
 from calibration.effects.columns import Contributions
-from calibration.effects.departures import VISIT
+from calibration.effects.departures import STIFFNESS, VISIT
 
 ALIKE_PRIOR = math.log(8.0)  # log odds against all places alike
 ALIKE_SHARE = 0.05  # of the strongest effect's log evidence: together places explain more than the sum of each alone
@@ -68,7 +68,8 @@ class Cause:
     def differs_with(self) -> tuple[str, ...]:
         """Coordinates with which its strength departs from the form at `place`, or its general functions change; VISIT
         from visit to visit."""
-        return tuple(dict.fromkeys(departure.coordinate for departure in self.best.basis_set.departures))
+        coordinates = dict.fromkeys(departure.coordinate for departure in self.best.basis_set.departures)
+        return tuple(coordinate for coordinate in coordinates if coordinate != STIFFNESS)
 
     @property
     def prior_deviations(self) -> Array:

@@ -17,6 +17,9 @@ from calibration.effects.basis_functions import cosine_basis, wave_of
 from calibration.effects.columns import Contributions
 
 VISIT = "visit"
+STIFFNESS = "stiffness"  # in place of a coordinate: how much the response depends on that of a strut or guide
+SOFTENED = "softened"  # kind of the channels that say so: by the logarithm of a stiffness, per unit of another channel
+DEPENDS_ON_STIFFNESS = ("travel", "scale", "table", "sideways", "turn", "length", "weight", "force", "payload")
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 12, 2, 3  # half waves over the range of a coordinate
 CHANGING_TERMS = 4  # of the own travel, by each of the many columns of a general function
 COURSE_TERMS = 16  # of any course in time, as after somebody has wiped, set or tightened something
@@ -153,7 +156,7 @@ def departing(
 ) -> tuple[Contributions, ...]:
     """The columns of some departures from those of a basis set, which stand at `Departure.column`."""
     functions: dict[str, Array] = {}
-    if any(d.coordinate != VISIT for d in chosen):
+    if any(d.coordinate not in (VISIT, STIFFNESS) for d in chosen):
         functions |= functions_of_coordinates(inputs, effect, place)
         period_m = max((d.period_m for d in chosen), default=0.0)
         functions |= functions_of_change(inputs, effect, place)
@@ -164,9 +167,23 @@ def departing(
             return (inputs.context.arrival == departure.term).astype(np.float64)
         return functions[departure.coordinate][:, departure.term]
 
+    def column(departure: Departure) -> Contributions:
+        form = contributions[departure.column]
+        if departure.coordinate == STIFFNESS:
+            return through_softened(inputs, departure.term, form)
+        return tuple((channel, shape * function(departure)) for channel, shape in form)
+
+    return tuple(map(column, chosen))
+
+
+def through_softened(inputs: EffectInputs, constraint: int, form: Contributions) -> Contributions:
+    """What a form does more if a strut or guide, by its number, is softer than the model has it."""
+    machine = inputs.machine
+    name = (*machine.strut_names, *machine.guide_names)[constraint]
     return tuple(
-        tuple((channel, shape * function(departure)) for channel, shape in contributions[departure.column])
-        for departure in chosen
+        (f"{SOFTENED}.{name}.{channel}", shape)
+        for channel, shape in form
+        if channel.partition(".")[0] in DEPENDS_ON_STIFFNESS
     )
 
 

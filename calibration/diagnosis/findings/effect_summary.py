@@ -18,6 +18,7 @@ from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import presence_probability
 from calibration.effects.api import EffectInputs
+from calibration.effects.departures import SOFTENED
 
 
 def equivalent_effects(
@@ -140,7 +141,8 @@ def _at_channels(cause: Cause, likelihood: MarginalLikelihood, of_form: float) -
     """RMS of what a cause does at each of its channels, over the readings that respond to it; of_form: the relative
     standard uncertainty that no form is exact."""
     coefficients, covariance = cause.best.coefficients, cause.best.covariance
-    for channel in dict.fromkeys(channel for column in cause.contributions for channel, _ in column):
+    every = dict.fromkeys(channel for column in cause.contributions for channel, _ in column)
+    for channel in (channel for channel in every if not channel.startswith(f"{SOFTENED}.")):
         rows = likelihood.response.rows(channel)
         shapes = np.zeros((rows.size, len(coefficients)))
         for k, column in enumerate(cause.contributions):

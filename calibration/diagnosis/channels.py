@@ -167,7 +167,6 @@ class Channels:
 
     def _stated_response(self, kind: str, of: str) -> Array:
         """What a stated value moves that is wrong by one unit."""
-        observed, machine = self.observed, self.machine
         if kind == "growth":
             return self._growth_response(of)
         if kind == "payload":
@@ -205,7 +204,7 @@ class Channels:
         return self._platform_shift(force * wrench)
 
     def _pull(self, channel: str) -> tuple[Array, Array]:
-        """dG (f, v) of one unit of a channel; by how much it makes struts and guides (c, v) longer between their ends."""
+        """dG (f, v) of one unit of a channel; by how much struts and guides (c, v) become longer between their ends."""
         kind, place, direction = (*channel.split("."), "")[:3]
         machine, sensitivity = self.machine, self.observed.poses.sensitivity
         longer = np.zeros((sensitivity.state.wrench.shape[1], len(self.observed.poses.visits)))

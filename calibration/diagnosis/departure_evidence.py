@@ -102,7 +102,8 @@ def with_departures(
     general = len(main) > MOST_MAIN_COLUMNS
     period_m = exact.basis_set.parameters.get(PERIOD, 0.0)
     a_little, wholly = _functions_to_depart_by(inputs, effect, place, 0 if anew else len(main), period_m)
-    if general and not wholly:
+    softened = {} if anew else _of_uncertain_stiffness(likelihood, inputs, main, contributions)
+    if general and not wholly and not softened:
         return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
     of_coordinate = {
         coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
@@ -111,12 +112,60 @@ def with_departures(
     comes_with_side = bool(main) and _comes_with_side(inputs, effect, place, contributions[main[0]])
     may_differ = by_visit and not general and (anew or comes_with_side)
     fluctuating = _departures_by_visit(inputs, effect, main if anew else main[:1]) if may_differ else []
-    softened = {} if anew else _of_uncertain_stiffness(likelihood, inputs, main, contributions)
     departures = [departure for group in (softened, *of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
     seen = dict(zip(departures, np.diag(information.information)[len(contributions) :].tolist(), strict=True))
     seen_of_form = float(np.sum(np.diag(information.information)[main]))
+
+    ways = _all_ways(of_coordinate, a_little, wholly, fluctuating, seen, seen_of_form, general=general, anew=anew)
+    number = {departure: len(contributions) + i for i, departure in enumerate(departures)}
+    own = tuple(range(len(contributions)))
+    sets = [
+        replace(
+            exact.basis_set,
+            columns=(*own, *(number[departure] for departure in (*softened, *way.departures))),
+            relative=(*exact.basis_set.relative, *softened.values(), *way.scales),
+        )
+        for way in ways
+    ]
+    plain = replace(exact.basis_set, columns=own)
+    without, *evidence = evidence_of_basis_sets(information, [plain, *sets], low, effect.size.high)
+    priors = np.array([way.prior for way in ways])
+    logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
+    anywhere = anew and effect.place == "smr"  # where nothing else acts
+    possible = [
+        anywhere or _is_possible(entry, way, wholly, inputs, information.information, anew=anew)
+        for entry, way in zip(evidence, ways, strict=True)
+    ]
+    logs[np.logical_not(possible)] = -np.inf
+    judge_courses(evidence, logs)
+    likeliest = int(np.argmax(logs))
+    best, departures_of_best = evidence[likeliest], (*softened, *ways[likeliest].departures)
+    basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=departures_of_best)
+    log_evidence = float(log_sum(logs))
+    expected = [i for i, way in enumerate(ways) if way.kind in ("exact", "wholly")]
+    log_expected = float(log_sum(logs[expected]) - np.log(priors[expected].sum() / priors.sum()))
+    return DepartingEvidence(
+        log_evidence - (without.log_evidence - loss_of_one_way(without)),
+        0.0 if ways[likeliest].kind == "by visit" else max(log_evidence - log_expected, 0.0),
+        replace(best, basis_set=basis_set),
+        tuple(columns[c] for c in best.basis_set.columns),
+    )
+
+
+def _all_ways(
+    of_coordinate: Mapping[str, Sequence[Departure]],
+    a_little: Collection[str],
+    wholly: Collection[str],
+    fluctuating: Sequence[Departure],
+    seen: Mapping[Departure, float],
+    seen_of_form: float,
+    *,
+    general: bool,
+    anew: bool,
+) -> list[_Way]:
+    """The exact form, and all ways of departing from it; seen: information of each departure, and of the form."""
 
     def way(kind: _Kind, prior: float, share: float, *groups: Sequence[Departure]) -> _Way:
         """Departures whose groups have a share of the form together, but no more than of what is seen of the form."""
@@ -142,40 +191,7 @@ def with_departures(
     shares_by_visit = SHARES_ANEW if anew else SHARES_BY_VISIT
     for share in shares_by_visit if fluctuating else ():
         ways.append(way("by visit", 1.0 / len(shares_by_visit), share, fluctuating))
-    number = {departure: len(contributions) + i for i, departure in enumerate(departures)}
-    own = tuple(range(len(contributions)))
-    sets = [
-        replace(
-            exact.basis_set,
-            columns=(*own, *(number[departure] for departure in (*softened, *way.departures))),
-            relative=(*exact.basis_set.relative, *softened.values(), *way.scales),
-        )
-        for way in ways
-    ]
-    plain = replace(exact.basis_set, columns=own)
-    without, *evidence = evidence_of_basis_sets(information, [plain, *sets], low, effect.size.high)
-    priors = np.array([way.prior for way in ways])
-    logs = np.array([entry.log_evidence for entry in evidence]) + np.log(priors / priors.sum())
-    anywhere = anew and effect.place == "smr"  # where nothing else acts
-    possible = [
-        anywhere or _is_possible(entry, way, wholly, inputs, information.information, anew=anew)
-        for entry, way in zip(evidence, ways, strict=True)
-    ]
-    logs[np.logical_not(possible)] = -np.inf
-    judge_courses(evidence, logs)
-    likeliest = int(np.argmax(logs))
-    best, departures_of_best = evidence[likeliest], ways[likeliest].departures
-    all_of_best = (*softened, *departures_of_best)
-    basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=all_of_best)
-    log_evidence = float(log_sum(logs))
-    expected = [i for i, way in enumerate(ways) if way.kind in ("exact", "wholly")]
-    log_expected = float(log_sum(logs[expected]) - np.log(priors[expected].sum() / priors.sum()))
-    return DepartingEvidence(
-        log_evidence - (without.log_evidence - loss_of_one_way(without)),
-        0.0 if ways[likeliest].kind == "by visit" else max(log_evidence - log_expected, 0.0),
-        replace(best, basis_set=basis_set),
-        tuple(columns[c] for c in best.basis_set.columns),
-    )
+    return ways
 
 
 def _of_uncertain_stiffness(
@@ -185,13 +201,17 @@ def _of_uncertain_stiffness(
     standard deviation of each, over the size: that which is left of the stiffness's logarithm.
 
     In a machine that is held by more parts than it needs, which way one of them moves it depends on how stiff the
-    others are. Effect and stiffness enter as a product, which no sum of the two has.
+    others are. Effect and stiffness enter as a product, which no sum of the two has. Of functions of so many columns
+    that they could be anything none.
     """
+    left_open = {c: u for c, u in likelihood.linear.u_of_ln_stiffness.items() if u > LEAST_U_OF_STIFFNESS}
+    if len(main) * len(left_open) > MOST_PRODUCTS:
+        return {}
     return {
         Departure(i, STIFFNESS, constraint): u
         for i in main
-        for constraint, u in likelihood.linear.u_of_ln_stiffness.items()
-        if u > LEAST_U_OF_STIFFNESS and through_softened(inputs, constraint, contributions[i])
+        for constraint, u in left_open.items()
+        if through_softened(inputs, constraint, contributions[i])
     }
 
 

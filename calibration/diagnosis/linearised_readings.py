@@ -247,13 +247,13 @@ class LinearisedReadings(ObservedModel, ABC):
     @cached_property
     def u_of_ln_stiffness(self) -> dict[int, float]:
         """What the readings leave open of the logarithm of each stiffness, by the number of the strut or guide."""
-        parts = (*self.machine.strut_names, *self.machine.guide_names)
-        column = {name: i for i, name in enumerate(self.names)}
-        known = [(c, column[f"ln_stiffness.{part}"]) for c, part in enumerate(parts) if f"ln_stiffness.{part}" in column]
-        columns = self.columns[:, :, [i for _, i in known]]
-        told = np.sum(self.joined(columns) * self.apply(columns), axis=(0, 1))
-        left = np.sqrt(np.clip(1.0 - told, 0.0, 1.0)) * self.sigma[[i for _, i in known]]
-        return {c: float(u) for (c, _), u in zip(known, left, strict=True)}
+        parts, column = (*self.machine.strut_names, *self.machine.guide_names), {n: i for i, n in enumerate(self.names)}
+        names = {c: f"ln_stiffness.{part}" for c, part in enumerate(parts)}
+        known = {c: column[name] for c, name in names.items() if name in column}
+        numbers = list(known.values())
+        told = np.sum(self.joined(self.columns[:, :, numbers]) * self.apply(self.columns[:, :, numbers]), axis=(0, 1))
+        left = np.sqrt(np.clip(1.0 - told, 0.0, 1.0)) * self.sigma[numbers]
+        return dict(zip(known, left.tolist(), strict=True))
 
     @cached_property
     def q_of_calibration(self) -> Array:

@@ -191,10 +191,10 @@ def test_what_was_withheld_is_predicted_better(backlash, reversing, strong):
 
 
 def test_backlash_in_space_is_found_too():
-    diagnosis = diagnose(simulated("delta8", 60, lambda a: -2.5e-5 * a.sides * np.array([0.0, 1.0, 0.0, 0.0])))
+    diagnosis = diagnose(simulated("delta8", 60, lambda a: -4.0e-5 * a.sides * np.array([0.0, 1.0, 0.0, 0.0])))
     assert diagnosis.verdict == "backlash"
     assert diagnosis.effects[0].place == "b"
-    assert diagnosis.effects[0].size.value == pytest.approx(5.0e-5, abs=3.0 * diagnosis.effects[0].size.u)
+    assert diagnosis.effects[0].size.value == pytest.approx(8.0e-5, abs=3.0 * diagnosis.effects[0].size.u)
 
 
 def test_a_diagnosis_says_the_same_twice(strong, backlash):

@@ -3,7 +3,8 @@
 Parts of one kind that stand in one hall, carry one load and are as old as each other often err alike: all struts are
 warmer than their sensor, all columns sink. At a single place such an effect may leave too little to be seen, so that a
 search that takes one place after the other never begins. The coefficients at the places have the covariance
-rho 11' + (1 - rho) I: none in common, a common one and a smaller one at each place, or a common one only.
+rho 11' + (1 - rho) I: none in common, a common one and a smaller one at each place, or a common one only. How all of
+them together move the platform depends on stiffnesses that are uncertain, as at a single place (`departure_evidence`).
 """
 
 from __future__ import annotations
@@ -16,9 +17,11 @@ import numpy as np
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.basis_set_evidence import BasisSetEvidence, evidence_of_basis_sets, log_sum
+from calibration.diagnosis.departure_evidence import stiffnesses_left_open
 from calibration.diagnosis.evidence import MarginalLikelihood
-from calibration.effects.api import BasisSet, BasisSets, Effect, EffectInputs
+from calibration.effects.api import BasisSet, BasisSets, Departure, Effect, EffectInputs
 from calibration.effects.columns import ColumnsByChannel, Contributions
+from calibration.effects.departures import STIFFNESS, through_softened
 
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
 MOST_COLUMNS = 15  # of a basis set with coefficients of each place: more are any function, which is another at each
@@ -75,38 +78,74 @@ def alike_at_all_places(
     # Sets that are left out here have their share of the prior at a single place too.
     every = max(1.0, sum(basis_set.weight for basis_set in built[0].sets)) * len(CORRELATIONS)
     logs = np.array([each.evidence.log_evidence + math.log(each.weight / every) for each in found])
-    likeliest = found[int(np.argmax(logs))]
+    exact = found[int(np.argmax(logs))]
+    likeliest = _with_softened(likelihood, inputs, built, exact, low, effect.size.high)
     parts = [
-        likeliest.part_at(place, name, at_place)
+        likeliest.part_at(place, name, at_place, inputs)
         for place, (name, at_place) in enumerate(zip(names, built, strict=True))
     ]
-    return AlikeAtAllPlaces(float(log_sum(logs)), tuple(parts), likeliest.correlation == 1.0)
+    # The likeliest holds nearly all of the evidence, so that what it gains the effect gains.
+    gain = likeliest.evidence.log_evidence - exact.evidence.log_evidence
+    return AlikeAtAllPlaces(float(log_sum(logs)) + gain, tuple(parts), likeliest.correlation == 1.0)
 
 
 @dataclass(frozen=True)
 class _Spread:
     """The evidence of a basis set at all places: coefficients of each, if they are not all the same, then common ones,
-    if they are correlated; shares (p,) of common ones that each place has, where these are not all one."""
+    if they are correlated; shares (p,) of common ones that each place has, where these are not all one. softened:
+    struts and guides, by number, of whose stiffness the last coefficients are; amounts (k,), of each place: of its
+    columns, softened, in those."""
 
     number: int
     weight: float
     correlation: float
     evidence: BasisSetEvidence
     shares: Array | None = None
+    softened: tuple[int, ...] = ()
+    amounts: tuple[Array, ...] = ()
 
-    def part_at(self, place: int, name: str, built: BasisSets) -> PartAlike:
-        """What belongs to one place: the sum of its own coefficients and of the common ones."""
-        basis_set = built.sets[self.number]
-        k = len(basis_set.columns)
-        sums = np.zeros((k, len(self.evidence.coefficients)))
+    def sums_at(self, place: int, columns: int) -> Array:
+        """Matrix (k, c): the sum of a place's own coefficients of its columns and of the common ones."""
+        own = len(self.evidence.coefficients) - len(self.softened)
+        sums = np.zeros((columns, own + len(self.softened)))
         if self.correlation < 1.0:
-            sums[:, k * place : k * (place + 1)] = np.eye(k)
+            sums[:, columns * place : columns * (place + 1)] = np.eye(columns)
         if self.correlation > 0.0:
-            sums[:, -k:] += np.eye(k) if self.shares is None else self.shares[place] * np.eye(k)
-        covariance: Array = sums @ self.evidence.covariance @ sums.T
-        found = self.evidence
-        best = BasisSetEvidence(basis_set, found.log_evidence, found.size, sums @ found.coefficients, covariance)
-        return PartAlike(name, best, tuple(built.contributions[c] for c in basis_set.columns))
+            share = 1.0 if self.shares is None else self.shares[place]
+            sums[:, own - columns : own] += share * np.eye(columns)
+        return sums
+
+    def part_at(self, place: int, name: str, built: BasisSets, inputs: EffectInputs) -> PartAlike:
+        """What belongs to one place, with what stiffnesses that are other than stated make of it."""
+        basis_set, found = built.sets[self.number], self.evidence
+        sums = self.sums_at(place, len(basis_set.columns))
+        contributions = [built.contributions[c] for c in basis_set.columns]
+        left_open = len(self.softened)
+        departures, relative = list[Departure](), list[float]()
+        for k, constraint in enumerate(self.softened):
+            for column, amount in enumerate(self.amounts[place].tolist()):
+                if not (softened := through_softened(inputs, constraint, contributions[column])):
+                    continue
+                row = np.zeros((1, sums.shape[1]))
+                row[0, sums.shape[1] - left_open + k] = amount
+                sums = np.concatenate([sums, row])
+                contributions.append(softened)
+                departures.append(Departure(column, STIFFNESS, constraint))
+                relative.append(abs(amount) * found.basis_set.relative[k - left_open])
+        with_softened = replace(
+            basis_set, relative=(*basis_set.relative, *relative), departures=(*basis_set.departures, *departures)
+        )
+        covariance: Array = sums @ found.covariance @ sums.T
+        best = BasisSetEvidence(with_softened, found.log_evidence, found.size, sums @ found.coefficients, covariance)
+        return PartAlike(name, best, tuple(contributions))
+
+    def contributions(self, built: Sequence[BasisSets]) -> list[Contributions]:
+        """Its columns: those of each place, then common ones."""
+        of_places = [[at_place.contributions[c] for c in at_place.sets[self.number].columns] for at_place in built]
+        shares = np.ones(len(built)) if self.shares is None else self.shares
+        own = [column for at_place in of_places for column in at_place if self.correlation < 1.0]
+        common = [_weighted_sum(alike, shares) for alike in zip(*of_places, strict=True) if self.correlation > 0.0]
+        return own + common
 
 
 @dataclass(frozen=True)
@@ -174,6 +213,41 @@ def _spread_over_places(
         sets.append(replace(basis_set, columns=tuple(range(len(relative))), relative=tuple(relative), sign=0.0))
     found = evidence_of_basis_sets(likelihood.kept_information_and_score(columns), sets, low, high)
     return [_Spread(number, basis_set.weight, *each) for each in zip(correlations, found, strict=True)]
+
+
+def _with_softened(
+    likelihood: MarginalLikelihood,
+    inputs: EffectInputs,
+    built: Sequence[BasisSets],
+    exact: _Spread,
+    low: float,
+    high: float,
+) -> _Spread:
+    """The same with one column for each stiffness that is left open, of what that makes of all places together, by the
+    coefficients found: a product of effect and stiffness, about the likeliest effect. Not of any course."""
+    every, basis_set = stiffnesses_left_open(likelihood), exact.evidence.basis_set
+    if len(built[0].sets[exact.number].columns) > MOST_COLUMNS:
+        return exact
+    at_places = [[at_place.contributions[c] for c in at_place.sets[exact.number].columns] for at_place in built]
+    amounts = [
+        exact.sums_at(place, len(columns)) @ exact.evidence.coefficients / exact.evidence.size
+        for place, columns in enumerate(at_places)
+    ]
+    flat, amount = [column for columns in at_places for column in columns], np.concatenate(amounts)
+    softened = {c: _weighted_sum([through_softened(inputs, c, column) for column in flat], amount) for c in every}
+    softened = {c: column for c, column in softened.items() if column}
+    if not softened:
+        return exact
+    columns = [*exact.contributions(built), *softened.values()]
+    plain = replace(basis_set, columns=tuple(range(len(basis_set.relative))))
+    with_all = replace(
+        plain,
+        columns=tuple(range(len(columns))),
+        relative=(*plain.relative, *(every[c] for c in softened)),
+    )
+    without, found = evidence_of_basis_sets(likelihood.information_and_score(columns), [plain, with_all], low, high)
+    gained = replace(found, log_evidence=exact.evidence.log_evidence + found.log_evidence - without.log_evidence)
+    return replace(exact, evidence=gained, softened=tuple(softened), amounts=tuple(amounts))
 
 
 def _by_shares(

@@ -204,7 +204,7 @@ def _of_uncertain_stiffness(
     others are. Effect and stiffness enter as a product, which no sum of the two has. Of functions of so many columns
     that they could be anything none.
     """
-    left_open = {c: u for c, u in likelihood.linear.u_of_ln_stiffness.items() if u > LEAST_U_OF_STIFFNESS}
+    left_open = stiffnesses_left_open(likelihood)
     if len(main) * len(left_open) > MOST_PRODUCTS:
         return {}
     return {
@@ -213,6 +213,11 @@ def _of_uncertain_stiffness(
         for constraint, u in left_open.items()
         if through_softened(inputs, constraint, contributions[i])
     }
+
+
+def stiffnesses_left_open(likelihood: MarginalLikelihood) -> dict[int, float]:
+    """Standard uncertainties of the logarithms of stiffnesses that are known badly enough to matter."""
+    return {c: u for c, u in likelihood.linear.u_of_ln_stiffness.items() if u > LEAST_U_OF_STIFFNESS}
 
 
 def _functions_to_depart_by(

@@ -147,7 +147,7 @@ def test_a_machine_that_just_began_is_as_cold_as_the_campaign_was(cases, name):
     bare = replace(twin, added=()).places_m(fresh)[0]
     moved = np.max(np.abs(warm - bare))
     assert moved > 5e-6
-    assert np.max(np.abs(cold - bare)) < 0.03 * moved  # what wanders beside its warming goes on
+    assert np.max(np.abs(cold - bare)) < 0.08 * moved  # what wanders beside its warming goes on
 
 
 def test_every_pose_of_a_campaign_has_its_equilibrium(cases):

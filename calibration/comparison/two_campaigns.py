@@ -9,7 +9,7 @@ temperatures and disturbances: a station that was set up anew, or another instru
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +106,7 @@ def linearise_pair(before: Recording, after: Recording, shared: frozenset[str]) 
     Raises InputError.
     """
     alone = [_without_few_visits(linearise_recording(each)) for each in (before, after)]
-    first = replace(_joined(alone[0][0], alone[1][0], shared), elsewhere=(alone[0][1], alone[1][1]))
+    first = _joined(alone[0][0], alone[1][0], shared, (alone[0][1], alone[1][1]))
     return again_at(first, first.machine_values(), {})
 
 
@@ -118,7 +118,7 @@ def again_at(pair: TwoCampaigns, machine: Mapping[str, float], changed: Mapping[
         if not isinstance(linear, LinearModel):
             raise TypeError("only recordings are linearised again")
         models.append(linearise_recording(linear.recording.take(linear.rows), judge=False, held=held))
-    return replace(_joined(models[0], models[1], pair.shared), elsewhere=pair.elsewhere)
+    return _joined(models[0], models[1], pair.shared, pair.elsewhere)
 
 
 def _without_few_visits(linear: LinearModel) -> tuple[LinearModel, AtFewVisits | None]:
@@ -142,7 +142,12 @@ def _held(linear: LinearisedReadings) -> frozenset[str]:
     return frozenset(name for name in linear.names if name in parameters or name.startswith("expansion."))
 
 
-def _joined(before: LinearModel, after: LinearModel, shared: frozenset[str]) -> TwoCampaigns:
+def _joined(
+    before: LinearModel,
+    after: LinearModel,
+    shared: frozenset[str],
+    elsewhere: tuple[AtFewVisits | None, AtFewVisits | None],
+) -> TwoCampaigns:
     # A machine that does not repeat does so neither before nor after: what one campaign alone has is a change.
     positioning_sd_m = min(most_likely_positioning_m(before), most_likely_positioning_m(after))
     before, after = (linear.standing_off(positioning_sd_m) for linear in (before, after))
@@ -156,7 +161,7 @@ def _joined(before: LinearModel, after: LinearModel, shared: frozenset[str]) -> 
     names, columns = joint_columns(parts, common, weights)
     residual = np.concatenate([weights[0] * before.residual.ravel(), weights[1] * after.residual.ravel()])
     q = inverse_covariance_factor(columns[:, None, :])[:, 0]
-    return TwoCampaigns(before, after, residual, columns, names, q, anew, scatter, positioning_sd_m, shared)
+    return TwoCampaigns(before, after, residual, columns, names, q, anew, scatter, positioning_sd_m, shared, elsewhere)
 
 
 def joint_columns(

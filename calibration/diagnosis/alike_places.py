@@ -21,7 +21,7 @@ from calibration.diagnosis.departure_evidence import stiffnesses_left_open
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.effects.api import BasisSet, BasisSets, Departure, Effect, EffectInputs
 from calibration.effects.columns import ColumnsByChannel, Contributions
-from calibration.effects.departures import STIFFNESS, through_softened
+from calibration.effects.departures import STIFFNESS, through_stiffened
 
 CORRELATIONS = (0.0, 0.9, 1.0)  # of coefficients at two places
 MOST_COLUMNS = 15  # of a basis set with coefficients of each place: more are any function, which is another at each
@@ -79,7 +79,7 @@ def alike_at_all_places(
     every = max(1.0, sum(basis_set.weight for basis_set in built[0].sets)) * len(CORRELATIONS)
     logs = np.array([each.evidence.log_evidence + math.log(each.weight / every) for each in found])
     exact = found[int(np.argmax(logs))]
-    likeliest = _with_softened(likelihood, inputs, built, exact, low, effect.size.high)
+    likeliest = _with_stiffened(likelihood, inputs, built, exact, low, effect.size.high)
     parts = [
         likeliest.part_at(place, name, at_place, inputs)
         for place, (name, at_place) in enumerate(zip(names, built, strict=True))
@@ -92,22 +92,22 @@ def alike_at_all_places(
 @dataclass(frozen=True)
 class _Spread:
     """The evidence of a basis set at all places: coefficients of each, if they are not all the same, then common ones,
-    if they are correlated; shares (p,) of common ones that each place has, where these are not all one. softened:
+    if they are correlated; shares (p,) of common ones that each place has, where these are not all one. stiffened:
     struts and guides, by number, of whose stiffness the last coefficients are; amounts (k,), of each place: of its
-    columns, softened, in those."""
+    columns, stiffened, in those."""
 
     number: int
     weight: float
     correlation: float
     evidence: BasisSetEvidence
     shares: Array | None = None
-    softened: tuple[int, ...] = ()
+    stiffened: tuple[int, ...] = ()
     amounts: tuple[Array, ...] = ()
 
     def sums_at(self, place: int, columns: int) -> Array:
         """Matrix (k, c): the sum of a place's own coefficients of its columns and of the common ones."""
-        own = len(self.evidence.coefficients) - len(self.softened)
-        sums = np.zeros((columns, own + len(self.softened)))
+        own = len(self.evidence.coefficients) - len(self.stiffened)
+        sums = np.zeros((columns, own + len(self.stiffened)))
         if self.correlation < 1.0:
             sums[:, columns * place : columns * (place + 1)] = np.eye(columns)
         if self.correlation > 0.0:
@@ -120,28 +120,24 @@ class _Spread:
         basis_set, found = built.sets[self.number], self.evidence
         sums = self.sums_at(place, len(basis_set.columns))
         contributions = [built.contributions[c] for c in basis_set.columns]
-        left_open = len(self.softened)
-        departures, relative = list[Departure](), list[float]()
-        for k, constraint in enumerate(self.softened):
+        departures, relative, of_stiffness = list[Departure](), list[float](), np.eye(sums.shape[1])
+        for k, constraint in enumerate(self.stiffened, start=-len(self.stiffened)):
             for column, amount in enumerate(self.amounts[place].tolist()):
-                if not (softened := through_softened(inputs, constraint, contributions[column])):
-                    continue
-                row = np.zeros((1, sums.shape[1]))
-                row[0, sums.shape[1] - left_open + k] = amount
-                sums = np.concatenate([sums, row])
-                contributions.append(softened)
-                departures.append(Departure(column, STIFFNESS, constraint))
-                relative.append(abs(amount) * found.basis_set.relative[k - left_open])
-        with_softened = replace(
+                if stiffened := through_stiffened(inputs, constraint, contributions[column]):
+                    sums = np.vstack([sums, amount * of_stiffness[k]])
+                    contributions.append(stiffened)
+                    departures.append(Departure(column, STIFFNESS, constraint))
+                    relative.append(abs(amount) * found.basis_set.relative[k])
+        with_stiffened = replace(
             basis_set, relative=(*basis_set.relative, *relative), departures=(*basis_set.departures, *departures)
         )
         covariance: Array = sums @ found.covariance @ sums.T
-        best = BasisSetEvidence(with_softened, found.log_evidence, found.size, sums @ found.coefficients, covariance)
+        best = BasisSetEvidence(with_stiffened, found.log_evidence, found.size, sums @ found.coefficients, covariance)
         return PartAlike(name, best, tuple(contributions))
 
     def contributions(self, built: Sequence[BasisSets]) -> list[Contributions]:
         """Its columns: those of each place, then common ones."""
-        of_places = [[at_place.contributions[c] for c in at_place.sets[self.number].columns] for at_place in built]
+        of_places = _at_places(built, self.number)
         shares = np.ones(len(built)) if self.shares is None else self.shares
         own = [column for at_place in of_places for column in at_place if self.correlation < 1.0]
         common = [_weighted_sum(alike, shares) for alike in zip(*of_places, strict=True) if self.correlation > 0.0]
@@ -215,7 +211,7 @@ def _spread_over_places(
     return [_Spread(number, basis_set.weight, *each) for each in zip(correlations, found, strict=True)]
 
 
-def _with_softened(
+def _with_stiffened(
     likelihood: MarginalLikelihood,
     inputs: EffectInputs,
     built: Sequence[BasisSets],
@@ -228,26 +224,26 @@ def _with_softened(
     every, basis_set = stiffnesses_left_open(likelihood), exact.evidence.basis_set
     if len(built[0].sets[exact.number].columns) > MOST_COLUMNS:
         return exact
-    at_places = [[at_place.contributions[c] for c in at_place.sets[exact.number].columns] for at_place in built]
+    at_places = _at_places(built, exact.number)
     amounts = [
         exact.sums_at(place, len(columns)) @ exact.evidence.coefficients / exact.evidence.size
         for place, columns in enumerate(at_places)
     ]
     flat, amount = [column for columns in at_places for column in columns], np.concatenate(amounts)
-    softened = {c: _weighted_sum([through_softened(inputs, c, column) for column in flat], amount) for c in every}
-    softened = {c: column for c, column in softened.items() if column}
-    if not softened:
+    stiffened = {c: _weighted_sum([through_stiffened(inputs, c, column) for column in flat], amount) for c in every}
+    stiffened = {c: column for c, column in stiffened.items() if column}
+    if not stiffened:
         return exact
-    columns = [*exact.contributions(built), *softened.values()]
+    columns = [*exact.contributions(built), *stiffened.values()]
     plain = replace(basis_set, columns=tuple(range(len(basis_set.relative))))
     with_all = replace(
         plain,
         columns=tuple(range(len(columns))),
-        relative=(*plain.relative, *(every[c] for c in softened)),
+        relative=(*plain.relative, *(every[c] for c in stiffened)),
     )
     without, found = evidence_of_basis_sets(likelihood.information_and_score(columns), [plain, with_all], low, high)
     gained = replace(found, log_evidence=exact.evidence.log_evidence + found.log_evidence - without.log_evidence)
-    return replace(exact, evidence=gained, softened=tuple(softened), amounts=tuple(amounts))
+    return replace(exact, evidence=gained, stiffened=tuple(stiffened), amounts=tuple(amounts))
 
 
 def _by_shares(
@@ -260,7 +256,7 @@ def _by_shares(
     the mean one and the standard deviation SHARES.
     """
     basis_set, places = built[0].sets[common.number], len(built)
-    at_places = [[at_place.contributions[c] for c in basis_set.columns] for at_place in built]
+    at_places = _at_places(built, common.number)
     anew = replace(basis_set, columns=tuple(range(len(basis_set.columns))), sign=0.0)
     found = common.evidence
     for _ in range(ALTERNATIONS):
@@ -284,8 +280,13 @@ def _weighted_sum(columns: Sequence[Contributions], coefficients: Array) -> Cont
     return tuple(by_channel.items())
 
 
+def _at_places(built: Sequence[BasisSets], number: int) -> list[list[Contributions]]:
+    """Columns of a basis set at each place."""
+    return [[at_place.contributions[c] for c in at_place.sets[number].columns] for at_place in built]
+
+
 def _columns_at_places(built: Sequence[BasisSets], number: int) -> ColumnsByChannel:
     """Columns of a basis set at each place, then each at all of them at once."""
-    own = [[at_place.contributions[c] for c in at_place.sets[number].columns] for at_place in built]
+    own = _at_places(built, number)
     common = [tuple(part for column in alike for part in column) for alike in zip(*own, strict=True)]
     return ColumnsByChannel.of([*(column for at_place in own for column in at_place), *common])

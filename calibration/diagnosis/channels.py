@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from calibration.base.arrays import Array
 from calibration.diagnosis.observed_model import ObservedModel
-from calibration.effects.departures import SOFTENED
+from calibration.effects.departures import STIFFENED
 from calibration.machine.description import COORDINATES, PARTS, across
 from calibration.model.model import PAYLOAD
 
@@ -56,8 +56,8 @@ class Channels:
                 self._shift_m[name] = moved @ self.observed.frame.rotation
             elif kind in STATED:
                 self._shift_m[name] = self._stated_response(kind, rest)
-            elif kind == SOFTENED:
-                self._shift_m[name] = self._softened_response(rest)
+            elif kind == STIFFENED:
+                self._shift_m[name] = self._stiffened_response(rest)
             else:
                 self._shift_m[name] = self._machine_response(name)
         return self._shift_m[name]
@@ -174,7 +174,7 @@ class Channels:
         return self._by_travels(kind, of)
 
     def _by_travels(self, kind: str, of: str, before: str = "") -> Array:
-        """What a scale or a table moves, by the travels of the drives; before: that of softened ones begins so."""
+        """What a scale or a table moves, by the travels of the drives; before: that of stiffened ones begins so."""
         observed, machine = self.observed, self.machine
         drives = observed.poses.visits.drives
         if kind == "scale":
@@ -185,7 +185,7 @@ class Channels:
         travels = [self.shift_m(f"{before}travel.{name}") for name in machine.drive_names]
         return np.asarray(sum(travel * corrections[:, a, None] for a, travel in enumerate(travels)))
 
-    def _softened_response(self, of: str) -> Array:
+    def _stiffened_response(self, of: str) -> Array:
         """How the response to a channel changes with the logarithm of a strut's or a guide's stiffness.
 
         The derivative of -K^-1 dG: what the channel pulls less at a softer part moves the platform as that part's
@@ -194,7 +194,7 @@ class Channels:
         name, _, channel = of.partition(".")
         kind, _, rest = channel.partition(".")
         if kind in ("scale", "table"):
-            return self._by_travels(kind, rest, f"{SOFTENED}.{name}.")
+            return self._by_travels(kind, rest, f"{STIFFENED}.{name}.")
         state = self.observed.poses.sensitivity.state
         constraint = (*self.machine.strut_names, *self.machine.guide_names).index(name)
         column, elongation = self._pull(channel)
@@ -322,7 +322,7 @@ class Channels:
 def unit_of_channel(name: str) -> str:
     """The SI unit of a channel's amount."""
     kind, last = name.partition(".")[0], name.rpartition(".")[2]
-    if kind == SOFTENED:
+    if kind == STIFFENED:
         return unit_of_channel(name.split(".", 2)[2])
     if name == "payload.mass" or kind == "weight":
         return "kg"

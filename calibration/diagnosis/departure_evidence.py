@@ -37,7 +37,7 @@ from calibration.effects.departures import (
     functions_it_varies_with,
     functions_of_change,
     functions_of_coordinates,
-    through_softened,
+    through_stiffened,
 )
 
 SMOOTH_SHARES, SHARES_BY_VISIT = VERDICT.smooth_departures, VERDICT.departures_by_visit
@@ -102,8 +102,8 @@ def with_departures(
     general = len(main) > MOST_MAIN_COLUMNS
     period_m = exact.basis_set.parameters.get(PERIOD, 0.0)
     a_little, wholly = _functions_to_depart_by(inputs, effect, place, 0 if anew else len(main), period_m)
-    softened = {} if anew else _of_uncertain_stiffness(likelihood, inputs, main, contributions)
-    if general and not wholly and not softened:
+    stiffened = {} if anew else _of_uncertain_stiffness(likelihood, inputs, main, contributions)
+    if general and not wholly and not stiffened:
         return DepartingEvidence(0.0, 0.0, exact, tuple(contributions))
     of_coordinate = {
         coordinate: [Departure(i, coordinate, term, period_m) for i in main for term in range(functions.shape[1])]
@@ -112,7 +112,7 @@ def with_departures(
     comes_with_side = bool(main) and _comes_with_side(inputs, effect, place, contributions[main[0]])
     may_differ = by_visit and not general and (anew or comes_with_side)
     fluctuating = _departures_by_visit(inputs, effect, main if anew else main[:1]) if may_differ else []
-    departures = [departure for group in (softened, *of_coordinate.values(), fluctuating) for departure in group]
+    departures = [departure for group in (stiffened, *of_coordinate.values(), fluctuating) for departure in group]
     columns = (*contributions, *departing(inputs, effect, place, contributions, departures))
     information = likelihood.information_and_score(columns)
     seen = dict(zip(departures, np.diag(information.information)[len(contributions) :].tolist(), strict=True))
@@ -124,8 +124,8 @@ def with_departures(
     sets = [
         replace(
             exact.basis_set,
-            columns=(*own, *(number[departure] for departure in (*softened, *way.departures))),
-            relative=(*exact.basis_set.relative, *softened.values(), *way.scales),
+            columns=(*own, *(number[departure] for departure in (*stiffened, *way.departures))),
+            relative=(*exact.basis_set.relative, *stiffened.values(), *way.scales),
         )
         for way in ways
     ]
@@ -141,7 +141,7 @@ def with_departures(
     logs[np.logical_not(possible)] = -np.inf
     judge_courses(evidence, logs)
     likeliest = int(np.argmax(logs))
-    best, departures_of_best = evidence[likeliest], (*softened, *ways[likeliest].departures)
+    best, departures_of_best = evidence[likeliest], (*stiffened, *ways[likeliest].departures)
     basis_set = replace(best.basis_set, columns=exact.basis_set.columns, departures=departures_of_best)
     log_evidence = float(log_sum(logs))
     expected = [i for i, way in enumerate(ways) if way.kind in ("exact", "wholly")]
@@ -211,7 +211,7 @@ def _of_uncertain_stiffness(
         Departure(i, STIFFNESS, constraint): u
         for i in main
         for constraint, u in left_open.items()
-        if through_softened(inputs, constraint, contributions[i])
+        if through_stiffened(inputs, constraint, contributions[i])
     }
 
 

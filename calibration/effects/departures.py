@@ -18,7 +18,9 @@ from calibration.effects.columns import Contributions
 
 VISIT = "visit"
 STIFFNESS = "stiffness"  # in place of a coordinate: how much the response depends on that of a strut or guide
-SOFTENED = "softened"  # kind of the channels that say so: by the logarithm of a stiffness, per unit of another channel
+STIFFENED = (
+    "stiffened"  # kind of the channels that say so: by the logarithm of a stiffness, per unit of another channel
+)
 DEPENDS_ON_STIFFNESS = ("travel", "scale", "table", "sideways", "turn", "length", "weight", "force", "payload")
 OWN_TERMS, OTHER_TERMS, TIME_TERMS = 12, 2, 3  # half waves over the range of a coordinate
 CHANGING_TERMS = 4  # of the own travel, by each of the many columns of a general function
@@ -170,18 +172,18 @@ def departing(
     def column(departure: Departure) -> Contributions:
         form = contributions[departure.column]
         if departure.coordinate == STIFFNESS:
-            return through_softened(inputs, departure.term, form)
+            return through_stiffened(inputs, departure.term, form)
         return tuple((channel, shape * function(departure)) for channel, shape in form)
 
     return tuple(map(column, chosen))
 
 
-def through_softened(inputs: EffectInputs, constraint: int, form: Contributions) -> Contributions:
-    """What a form does more if a strut or guide, by its number, is softer than the model has it."""
+def through_stiffened(inputs: EffectInputs, constraint: int, form: Contributions) -> Contributions:
+    """What a form does more by the logarithm of the stiffness of a strut or guide, by its number."""
     machine = inputs.machine
     name = (*machine.strut_names, *machine.guide_names)[constraint]
     return tuple(
-        (f"{SOFTENED}.{name}.{channel}", shape)
+        (f"{STIFFENED}.{name}.{channel}", shape)
         for channel, shape in form
         if channel.partition(".")[0] in DEPENDS_ON_STIFFNESS
     )

@@ -18,7 +18,7 @@ from calibration.diagnosis.search import SearchResult
 from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.verdict import presence_probability
 from calibration.effects.api import EffectInputs
-from calibration.effects.departures import SOFTENED
+from calibration.effects.departures import STIFFENED
 
 
 def equivalent_effects(
@@ -142,7 +142,7 @@ def _at_channels(cause: Cause, likelihood: MarginalLikelihood, of_form: float) -
     standard uncertainty that no form is exact."""
     coefficients, covariance = cause.best.coefficients, cause.best.covariance
     every = dict.fromkeys(channel for column in cause.contributions for channel, _ in column)
-    for channel in (channel for channel in every if not channel.startswith(f"{SOFTENED}.")):
+    for channel in (channel for channel in every if not channel.startswith(f"{STIFFENED}.")):
         rows = likelihood.response.rows(channel)
         shapes = np.zeros((rows.size, len(coefficients)))
         for k, column in enumerate(cause.contributions):

@@ -22,10 +22,8 @@ from calibration.diagnosis.settings import VERDICT
 from calibration.diagnosis.twin.joint_fit import JointFit
 from calibration.diagnosis.verdict import presence_probability
 from calibration.effects.catalogue import load_catalogue
-from calibration.effects.departures import through_softened
 from mock_devices.effects import EffectChoice
-from tests.calibration.diagnosis.campaigns import plant, recorded, simulated
-from tests.calibration.diagnosis.dense import dense, flat, log_density
+from tests.calibration.diagnosis.campaigns import plant, recorded
 from tests.calibration.effects.general_functions import typical_inputs
 
 GROWTH = load_catalogue().effect("link_thermal_growth")
@@ -86,62 +84,6 @@ def test_evidence_is_that_of_correlated_places_and_one_basis_set(warm, columns, 
     likeliest = CORRELATIONS[int(np.argmax(np.logaddexp.reduce(logs, axis=1)))]
     _, mean = correlated(columns, sets[number].relative, likeliest, found.parts[0].best.size)
     np.testing.assert_allclose(np.concatenate([part.best.coefficients for part in found.parts]), mean, atol=1e-4)
-
-
-@pytest.mark.parametrize("common", [False, True])
-def test_stiffnesses_left_open_gain_what_a_dense_covariance_says(common):
-    """Play of the four drives of delta8, all alike or each its own; one amount of each stiffness for all of them."""
-    likelihood = MarginalLikelihood.of(linearise_recording(simulated("delta8", 24, seed=3), judge=False))
-    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
-    play = load_catalogue().effect("backlash")
-    effect = only_set(0, replace(play, forms=lambda of, place: without_sign(play.forms(of, place))))
-    places = len(play.places(inputs.machine))
-    own = [effect.basis_sets(inputs, place).contributions[0] for place in range(places)]
-    columns, left_open = likelihood.columns(own), likelihood.linear.u_of_ln_stiffness
-    of_each = [likelihood.columns([through_softened(inputs, c, one) for one in own]) for c in left_open]
-    assert len(of_each) == 8
-    plays_m = np.full(places, 1.5e-4) if common else np.linspace(-1.0e-4, 2.0e-4, places)
-    softer = np.random.default_rng(4).normal(size=8) * 0.4
-    shift = columns @ plays_m + sum(h * (one @ plays_m) for h, one in zip(softer, of_each, strict=True))
-    moved = likelihood.on(replace(likelihood.linear, residual=likelihood.linear.residual + shift))
-    low = smallest_size(moved, effect)
-    found = alike_at_all_places(moved, inputs, effect, low, [np.zeros(1)] * places)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(alike_places, "stiffnesses_left_open", lambda _: {})
-        exact = alike_at_all_places(moved, inputs, effect, low, [np.zeros(1)] * places)
-    # What the exact coefficients make of each stiffness, over the size at which these were found.
-    coefficients = np.array([part.best.coefficients[0] for part in exact.parts])
-    of_stiffness = np.stack([(one @ coefficients).ravel() for one in of_each], axis=1) * list(left_open.values())
-    of_stiffness /= exact.parts[0].best.size
-    y, every, h = moved.linear.residual.ravel(), dense(moved.linear), flat(columns)
-
-    def gain(correlation: float) -> float:
-        of_places = h @ (correlation + (1.0 - correlation) * np.eye(places)) @ h.T
-        with_all = of_places + of_stiffness @ of_stiffness.T
-        sizes = low * (effect.size.high / low) ** np.linspace(0.0, 1.0, 9)
-        logs = [[log_density(y, every + size**2 * one) for one in (of_places, with_all)] for size in sizes]
-        return float(np.subtract(*np.logaddexp.reduce(logs, axis=0)[::-1]))
-
-    gained = found.log_evidence - exact.log_evidence
-    assert gained > 5.0
-    # But for directions that the priors alone determine, which the projection omits.
-    assert min(abs(gained - gain(correlation)) for correlation in CORRELATIONS) < 0.3
-    # Each place has its own column and its part of each stiffness's, in proportion.
-    assert all(len(part.contributions) == len(part.best.coefficients) == 9 for part in found.parts)
-    amounts = [
-        part.best.coefficients[1:] / coefficient for part, coefficient in zip(found.parts, coefficients, strict=True)
-    ]
-    np.testing.assert_allclose(amounts, [amounts[0]] * places, rtol=1e-9)
-    predicted = sum(likelihood.columns(part.contributions) @ part.best.coefficients for part in found.parts)
-    left = [
-        np.sum(likelihood.linear.after_calibration(shift - one) ** 2) for one in (predicted, columns @ coefficients)
-    ]
-    assert left[0] < 0.5 * left[1]
-
-
-def without_sign(built):
-    built.sets = [replace(each, sign=0.0) for each in built.sets]
-    return built
 
 
 def test_what_all_struts_do_is_told_where_no_single_one_shows_it(warm):

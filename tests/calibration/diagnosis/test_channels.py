@@ -2,88 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calibration.base.frame import Frame, station_frame
 from calibration.base.rotation import rotation_matrix
 from calibration.diagnosis.channels import AXES, Channels, unit_of_channel
 from calibration.diagnosis.effect_inputs import inputs_of_readings
-from calibration.diagnosis.observed_model import ObservedModel
-from calibration.effects.context import ArrivalHistory, ReadingContext
 from calibration.instruments.station_geometry import points_to_polar, polar_to_points
 from calibration.machine import equilibrium
-from calibration.machine.description import COORDINATES, PARTS, load_machine, shipped_machine
-from calibration.model.model import Model, SystematicUncertainties
-from calibration.model.parameters import ParameterSet
-from calibration.model.visits import Visits
+from calibration.machine.description import COORDINATES, PARTS
 from calibration.recording.header import KnownTable
-from tests.calibration.diagnosis.campaigns import Rest, drawn_poses
-
-VISITS = 5
-STEP = 1e-6
-SLIDERS = ("planar4", "delta8", "hexaglide", "prs3")
-MACHINES = (*SLIDERS, "stewart6", "rrr4")
+from tests.calibration.diagnosis.changed_machine import MACHINES, STEP, VISITS, Case, changed_machine
 
 
-@dataclass
-class Case:
-    """A machine with errors, warm, loaded, somewhat turned in the station's frame; every reflector at every visit."""
-
-    observed: ObservedModel
-    channels: Channels
-    rest: Rest
-
-    def places(self, rest: Rest | None = None, mounted_m: np.ndarray | None = None) -> np.ndarray:
-        mounted_m = self.observed.mounted_m if mounted_m is None else mounted_m
-        return (rest or self.rest).places_m(mounted_m).reshape(-1, 3)
-
-    def check(self, name: str, change, rel: float = 1e-4) -> None:
-        """A channel against central differences of places (n, 3) in the machine's frame, by `change(step)`."""
-        expected = (change(STEP) - change(-STEP)) / (2.0 * STEP)
-        got = self.channels.shift_m(name)
-        assert np.abs(expected).max() > 1e-6
-        np.testing.assert_allclose(got, expected, atol=rel * max(np.abs(expected).max(), 1e-2), err_msg=name)
-
-
-def moments_at(drives, payload_kg) -> ReadingContext:
-    n = len(drives)
-    zero = np.zeros(n)
-    return ReadingContext(
-        history=ArrivalHistory(np.zeros(1), drives[:1]), t_s=zero, arrival=zero.astype(np.intp), drives=drives,
-        direction=0.0 * drives, velocity_m_per_s=0.0 * drives, torque=0.0 * drives, speed_m_per_s=zero, dwell_s=zero,
-        payload_kg=payload_kg, payload_com_m=np.zeros((n, 3)), exchanges=zero,
-        air_refractivity=zero, temperatures_c={}, start_s=0.0,
-    )  # fmt: skip
-
-
-@pytest.fixture(scope="module", params=MACHINES)
+@pytest.fixture(params=MACHINES)
 def case(request) -> Case:
-    machine, rng = load_machine(shipped_machine(request.param)), np.random.default_rng(7)
-    parameters = ParameterSet.of(machine)
-    theta = np.array([p.sigma for p in parameters.parameters]) * rng.standard_normal(len(parameters))
-    target, drives = drawn_poses(machine, rng, VISITS)
-    warm = {s: machine.reference_temperature_c + np.linspace(1.0, 4.0, VISITS) for s in machine.sensors.values()}
-    load, com = np.full(VISITS, 50.0), np.zeros((VISITS, 3))
-    poses = Model(parameters, SystematicUncertainties()).predict(theta, Visits(drives, target, load, com, warm))
-    assert np.all(poses.equilibrium.converged)
-    at = equilibrium.make_conditions(machine, VISITS, warm, load, com)
-    rest = Rest.of(machine, parameters.geometry(theta), drives, at, target)
-    smrs = len(machine.smrs)
-    mounted = np.array([s.position_m for s in machine.smrs]) + 1e-3
-    start = station_frame((0.3, -0.2, 4.0), 0.0)
-    frame = Frame(rotation_matrix(np.array([0.02, -0.01, 0.3])) @ start.rotation, start.translation_m)
-    smr, visit = np.tile(np.arange(smrs), VISITS), np.repeat(np.arange(VISITS), smrs)
-    visit = np.where(np.array([s.on == "floor" for s in machine.smrs])[smr], -1, visit)
-    position = frame.to_station(rest.places_m(mounted).reshape(-1, 3))
-    context = moments_at(drives[np.maximum(visit, 0)], np.full(len(smr), 50.0))
-    observed = ObservedModel(
-        machine=machine, context=context, smr=smr, visit=visit, poses=poses, frame=frame, mounted_m=mounted,
-        position_m=position,
-    )  # fmt: skip
-    return Case(observed, Channels(observed), rest)
+    return changed_machine(request.param)
 
 
 def test_the_model_is_at_the_same_poses(case):
@@ -280,60 +216,6 @@ def test_force(case):
         expected = (change(100.0) - change(-100.0)) / 200.0
         got = case.channels.shift_m(name)
         np.testing.assert_allclose(got, expected, atol=1e-3 * np.abs(expected).max() + 1e-13, err_msg=name)
-
-
-def softened(case: Case, part: int, log_ratio: float) -> Rest:
-    """At rest with another stiffness of a strut, or of a guide, which follow."""
-    stiffness = case.rest.geometry.stiffness_n_per_m.copy()
-    stiffness[part] *= np.exp(log_ratio)
-    return case.rest.again(replace(case.rest.geometry, stiffness_n_per_m=stiffness))
-
-
-def test_softened_responses(case):
-    """How a response changes with a stiffness: mixed differences of machines that are solved with both changed."""
-    machine = case.observed.machine
-    parts = (*machine.strut_names, *machine.guide_names)
-    drive, step, by = machine.drive_names[0], 1e-4, 0.1
-    carrier = equilibrium.carriers_of(machine, case.rest.geometry, case.rest.drives, case.rest.at)[0]
-    per_unit = carrier.travel / case.rest.drives[:, 0]
-    strut = machine.strut_names[-1]
-
-    def travelled(rest: Rest, h: float) -> np.ndarray:
-        moved = rest.drives.copy()
-        moved[:, 0] += h / per_unit
-        return case.places(rest.again(drives=moved))
-
-    def lengthened(rest: Rest, h: float) -> np.ndarray:
-        length = rest.geometry.length_m.copy()
-        length[-1] += h
-        return case.places(rest.again(replace(rest.geometry, length_m=length)))
-
-    def pushed(rest: Rest, h: float) -> np.ndarray:
-        force = (np.tile([1e6 * h, 0.0, 0.0], (VISITS, 1)), np.zeros((VISITS, 3)))
-        return case.places(replace(rest, at=replace(rest.at, forces=(*rest.at.forces, force))).again())
-
-    cases = [(f"travel.{drive}", travelled, 1.0), (f"length.{strut}", lengthened, 1.0)]
-    if "force.x" in case.channels.force_channels():
-        cases.append(("force.x", pushed, 1e6))
-    for channel, change, per in cases:
-        whole = np.abs(case.channels.shift_m(channel)).max()
-        for c, part in enumerate(parts):
-            more, less = (softened(case, c, h) for h in (by, -by))
-            mixed = (change(more, step) - change(more, -step)) - (change(less, step) - change(less, -step))
-            expected = mixed / (4.0 * by * step * per)
-            name = f"softened.{part}.{channel}"
-            got = case.channels.shift_m(name)
-            # Strains by weight turn the struts a little: a third-order term that it leaves out.
-            np.testing.assert_allclose(got, expected, atol=0.02 * np.abs(expected).max() + 1e-3 * whole, err_msg=name)
-        # Where nothing holds it more than it must, no part yields to another; a parallelogram's two move it together.
-        if channel == "force.x" or (len(parts) > len(machine.dof) and channel.startswith("length.")):
-            assert max(np.abs(case.channels.shift_m(f"softened.{p}.{channel}")).max() for p in parts) > 0.01 * whole
-    for a, name in enumerate(machine.drive_names):
-        from_middle = case.rest.drives[np.maximum(case.observed.visit, 0), a] - 0.5 * np.sum(machine.travel[a])
-        expected = case.channels.shift_m(f"softened.{parts[0]}.travel.{name}") * from_middle[:, None]
-        np.testing.assert_allclose(
-            case.channels.shift_m(f"softened.{parts[0]}.scale.{name}"), expected, rtol=0.0, atol=1e-12
-        )
 
 
 def test_scale_and_tables(case):

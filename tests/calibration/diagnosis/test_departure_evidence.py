@@ -178,19 +178,19 @@ def test_a_general_function_that_changes_has_the_evidence_of_a_dense_mixture(sma
 
     # However stiff the struts are, as far as the readings leave that open.
     left_open = [
-        u * explicit(small, likelihood, [((f"softened.{small.machine.strut_names[strut]}.travel.left", shape),)])
+        u * explicit(small, likelihood, [((f"stiffened.{small.machine.strut_names[strut]}.travel.left", shape),)])
         for ((_, shape),) in curve
         for strut, u in small.u_of_ln_stiffness.items()
     ]
     assert len(left_open) == 16
-    softened = np.hstack([columns, *left_open])
-    ways = [(1.0, softened)]
+    stiffened = np.hstack([columns, *left_open])
+    ways = [(1.0, stiffened)]
     for functions in functions_of_change(inputs, effect, 0).values():
         products = [(("travel.left", shape * f),) for ((_, shape),) in curve for f in functions.T]
         changing = explicit(small, likelihood, products)
         for size in (0.4, 1.0):
             share = size * min(1.0, np.sqrt(seen(columns) / seen(changing)))
-            ways.append((0.125, np.hstack([softened, share * changing])))
+            ways.append((0.125, np.hstack([stiffened, share * changing])))
     y, sizes = planted.linear.residual.ravel(), np.geomspace(LOW, HIGH, SIZES)
 
     def evidence(some):

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from calibration.diagnosis import alike_places
+from calibration.diagnosis.alike_places import CORRELATIONS, alike_at_all_places
 from calibration.diagnosis.diagnose import diagnose, diagnose_and_add
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
 from calibration.diagnosis.linear_folder import linearise_measurements
 from calibration.diagnosis.linear_model import linearise_recording
-from calibration.diagnosis.place_evidence import evidence_by_place, refine
+from calibration.diagnosis.place_evidence import evidence_by_place, refine, smallest_size
 from calibration.diagnosis.twin.twin import Twin
+from calibration.effects.api import BasisSets
 from calibration.effects.catalogue import load_catalogue
 from calibration.effects.context import context_of_recording
-from calibration.effects.departures import STIFFNESS
+from calibration.effects.departures import STIFFNESS, through_stiffened
 from calibration.machine.description import shipped_machine
 from tests.calibration.diagnosis.campaigns import Arrivals, plant, recorded, simulated
+from tests.calibration.diagnosis.dense import dense, flat, log_density
 from tests.calibration.diagnosis.measured import Wanted, made
 
 PLAY_M = 6.0e-5
@@ -100,3 +105,60 @@ def test_a_twin_yields_alike_and_is_kept_as_plain_data():
     context = context_of_recording(recording)
     assert np.array_equal(again.places_m(context), twin.places_m(context))
     assert again.to_data() == twin.to_data()
+
+
+@pytest.mark.parametrize("common", [False, True])
+def test_stiffnesses_left_open_gain_what_a_dense_covariance_says(common):
+    """Play of the four drives of delta8, all alike or each its own; one amount of each stiffness for all of them."""
+    likelihood = MarginalLikelihood.of(linearise_recording(simulated("delta8", 24, seed=3), judge=False))
+    inputs = inputs_of_recording(likelihood, periodograms(likelihood))
+    play = load_catalogue().effect("backlash")
+    effect = replace(play, forms=lambda of, place: only_first(play.forms(of, place)))
+    places = len(play.places(inputs.machine))
+    own = [effect.basis_sets(inputs, place).contributions[0] for place in range(places)]
+    columns, left_open = likelihood.columns(own), likelihood.linear.u_of_ln_stiffness
+    of_each = [likelihood.columns([through_stiffened(inputs, c, one) for one in own]) for c in left_open]
+    assert len(of_each) == 8
+    plays_m = np.full(places, 1.5e-4) if common else np.linspace(-1.0e-4, 2.0e-4, places)
+    softer = np.random.default_rng(4).normal(size=8) * 0.4
+    shift = columns @ plays_m + sum(h * (one @ plays_m) for h, one in zip(softer, of_each, strict=True))
+    moved = likelihood.on(replace(likelihood.linear, residual=likelihood.linear.residual + shift))
+    low = smallest_size(moved, effect)
+    found = alike_at_all_places(moved, inputs, effect, low, [np.zeros(1)] * places)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(alike_places, "stiffnesses_left_open", lambda _: {})
+        exact = alike_at_all_places(moved, inputs, effect, low, [np.zeros(1)] * places)
+    # What the exact coefficients make of each stiffness, over the size at which these were found.
+    coefficients = np.array([part.best.coefficients[0] for part in exact.parts])
+    of_stiffness = np.stack([(one @ coefficients).ravel() for one in of_each], axis=1) * list(left_open.values())
+    of_stiffness /= exact.parts[0].best.size
+    y, every, h = moved.linear.residual.ravel(), dense(moved.linear), flat(columns)
+
+    def gain(correlation: float) -> float:
+        of_places = h @ (correlation + (1.0 - correlation) * np.eye(places)) @ h.T
+        with_all = of_places + of_stiffness @ of_stiffness.T
+        sizes = low * (effect.size.high / low) ** np.linspace(0.0, 1.0, 9)
+        logs = [[log_density(y, every + size**2 * one) for one in (of_places, with_all)] for size in sizes]
+        return float(np.subtract(*np.logaddexp.reduce(logs, axis=0)[::-1]))
+
+    gained = found.log_evidence - exact.log_evidence
+    assert gained > 5.0
+    # But for directions that the priors alone determine, which the projection omits.
+    assert min(abs(gained - gain(correlation)) for correlation in CORRELATIONS) < 0.3
+    # Each place has its own column and its part of each stiffness's, in proportion.
+    assert all(len(part.contributions) == len(part.best.coefficients) == 9 for part in found.parts)
+    amounts = [
+        part.best.coefficients[1:] / coefficient for part, coefficient in zip(found.parts, coefficients, strict=True)
+    ]
+    np.testing.assert_allclose(amounts, [amounts[0]] * places, rtol=1e-9)
+    predicted = sum(likelihood.columns(part.contributions) @ part.best.coefficients for part in found.parts)
+    left = [
+        np.sum(likelihood.linear.after_calibration(shift - one) ** 2) for one in (predicted, columns @ coefficients)
+    ]
+    assert left[0] < 0.5 * left[1]
+
+
+def only_first(built: BasisSets) -> BasisSets:
+    """The first basis set, whose sign nobody knows."""
+    built.sets = [replace(built.sets[0], weight=1.0, sign=0.0)]
+    return built

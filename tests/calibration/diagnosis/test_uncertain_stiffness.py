@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from calibration.diagnosis import alike_places
 from calibration.diagnosis.alike_places import CORRELATIONS, alike_at_all_places
+from calibration.diagnosis.departure_evidence import stiffnesses_left_open
 from calibration.diagnosis.diagnose import diagnose, diagnose_and_add
 from calibration.diagnosis.effect_inputs import inputs_of_recording, periodograms
 from calibration.diagnosis.evidence import MarginalLikelihood
@@ -162,3 +164,8 @@ def only_first(built: BasisSets) -> BasisSets:
     """The first basis set, whose sign nobody knows."""
     built.sets = [replace(built.sets[0], weight=1.0, sign=0.0)]
     return built
+
+
+def test_what_is_known_within_one_percent_changes_no_response():
+    linear = SimpleNamespace(u_of_ln_stiffness={0: 0.009, 1: 0.011, 2: 0.17})
+    assert stiffnesses_left_open(SimpleNamespace(linear=linear)) == {1: 0.011, 2: 0.17}
